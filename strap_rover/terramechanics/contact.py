@@ -1,6 +1,6 @@
 """A rigid wheel on soft soil: stresses under the rim, the forces they add up to, and the sinkage that carries the load.
 
-Eqs 1 to 4 of Ebrahimi, Mardani and Alipour (Robotica 2020, doi:10.1017/S0263574720000521) after Bekker, Wong and Reece
+Eqs 1 to 4 of Ebrahimi, Mardani and Alipour (Robotica 2020) after Bekker, Wong and Reece
 and Janosi and Hanamoto, with the torque added. theta is measured from bottom dead centre, positive forward; theta_1 > 0
 is the entry, theta_2 (normally <= 0) the exit, both signed (the paper's theta_2 is the magnitude):
 
@@ -15,7 +15,7 @@ is the entry, theta_2 (normally <= 0) the exit, both signed (the paper's theta_2
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,7 @@ import numpy.typing as npt
 from strap_rover.arrays import BoolArray, FloatArray
 from strap_rover.terramechanics.compiled import compiled
 from strap_rover.terramechanics.slip import transport_ratio_kernel
-from strap_rover.terramechanics.soil import Soil, soil_from_de_st
+from strap_rover.terramechanics.soil import Soil
 
 PEAK_OFFSET = 0.503
 """a_1: where the stress peaks at zero slip, as a share of theta_1."""
@@ -103,13 +103,6 @@ class ContactSplit:
     """Horizontal force of the driving part [N], >= 0; thrust - bulldozing = drawbar pull."""
 
 
-class _Forces(NamedTuple):
-    traction: float
-    resistance: float
-    vertical: float
-    torque: float
-
-
 @compiled
 def wheel_forces_kernel(
     radius: float,
@@ -127,8 +120,8 @@ def wheel_forces_kernel(
 ) -> tuple[float, float, float, float]:
     """(F_t, R_c, F_z, T) of one wheel, scalars.
 
-    `depth_scale` in (0, 1] shrinks the depth that presses: 1 for an undisturbed surface, z_s/(z_s + z_e) where the wheel
-    has dug z_e. No checks: `wheel_forces` is the public door.
+    `depth_scale` in (0, 1] shrinks the depth that presses: 1 for an undisturbed surface, z_s/(z_s + z_e) where the
+    wheel has dug z_e. No checks: `wheel_forces` is the public door.
     """
     cos_1 = math.cos(theta_1)
     sin_1 = math.sin(theta_1)
@@ -176,7 +169,29 @@ def peak_angle_kernel(theta_1: float, slip: float) -> float:
 
 
 @compiled
-def _load_balance_kernel(
+def _load_excess_kernel(
+    radius: float,
+    width: float,
+    modulus: float,
+    n: float,
+    cohesion: float,
+    tan_friction: float,
+    shear_modulus: float,
+    load: float,
+    slip: float,
+    theta_2: float,
+    theta_1: float,
+) -> float:
+    """ln(F_z/W) at an entry angle: near linear in ln theta_1, since F_z grows about as theta_1^(2n+1)."""
+    forces = wheel_forces_kernel(
+        radius, width, modulus, n, cohesion, tan_friction, shear_modulus,
+        theta_1, theta_2, peak_angle_kernel(theta_1, slip), transport_ratio_kernel(slip), 1.0,
+    )  # fmt: skip
+    return math.log(max(forces[2] / load, 1e-30))
+
+
+@compiled
+def _load_balance_kernel(  # noqa: C901, PLR0912 - one bracket-and-refine loop, kept whole for the compiler
     radius: float,
     width: float,
     modulus: float,
@@ -190,67 +205,49 @@ def _load_balance_kernel(
 ) -> float:
     """Entry angle whose F_z is the load: the first root, NaN if none below pi/2.
 
-    F_z grows about as theta_1^(2n+1): secant steps in logarithms, kept inside a bracket. Braking shear pulls the
-    wheel up and can bend F_z over, so there the bracket comes from a scan for the first crossing.
+    Braking shear pulls the wheel up and can bend F_z over, so there the bracket comes from a scan for the first
+    crossing; driving, from one power-law step beyond the root. Then Chandrupatla's bracketed inverse interpolation
+    (Adv. Eng. Software 28, 1997) in ln theta_1.
     """
-    transport = transport_ratio_kernel(slip)
-    least = max(theta_2, 0.0) + 1e-9
-    low = least
-    high = DEEPEST_ENTRY
-    theta = min(max(0.35, 1.5 * least), 1.5)
-    if slip < 0.0:
-        found = False
-        probe = max(0.01, least)
-        while not found and probe < DEEPEST_ENTRY:
-            forces = wheel_forces_kernel(
-                radius, width, modulus, n, cohesion, tan_friction, shear_modulus,
-                probe, theta_2, peak_angle_kernel(probe, slip), transport, 1.0,
-            )  # fmt: skip
-            if forces[2] >= load:
-                found = True
-            else:
-                low = probe
-                probe = min(probe * 1.15, DEEPEST_ENTRY)
-        high = probe
-        theta = 0.5 * (low + high)
-    else:
-        forces = wheel_forces_kernel(
-            radius, width, modulus, n, cohesion, tan_friction, shear_modulus,
-            high, theta_2, peak_angle_kernel(high, slip), transport, 1.0,
-        )  # fmt: skip
-        if forces[2] < load:
+    soil = (radius, width, modulus, n, cohesion, tan_friction, shear_modulus, load, slip, theta_2)
+    least = math.log(max(theta_2, 0.0) + 1e-9)
+    most = math.log(DEEPEST_ENTRY)
+    probe = max(math.log(0.01 if slip < 0.0 else 0.35), least)
+    f_probe = _load_excess_kernel(*soil, math.exp(probe))
+    last, f_last = probe, f_probe
+    upwards = f_probe < 0.0
+    while (f_probe < 0.0) == upwards and f_probe != 0.0:
+        if (upwards and probe >= most) or (not upwards and probe <= least):
             return math.nan
-    log_load = math.log(load)
-    slope = 2.0 * n + 1.0
-    last_log_theta = 0.0
-    last_residual = 0.0
-    for iteration in range(100):
-        forces = wheel_forces_kernel(
-            radius, width, modulus, n, cohesion, tan_friction, shear_modulus,
-            theta, theta_2, peak_angle_kernel(theta, slip), transport, 1.0,
-        )  # fmt: skip
-        if forces[2] < load:
-            low = theta
-        else:
-            high = theta
-        log_theta = math.log(theta)
-        if forces[2] > 0.0:
-            residual = math.log(forces[2]) - log_load
-            if iteration > 0 and log_theta != last_log_theta and last_residual < 1e200:
-                slope = (residual - last_residual) / (log_theta - last_log_theta)
-        else:
-            residual = 1e300
-        following = 0.5 * (low + high)
-        if residual < 1e200 and slope > 0.0:
-            newton = theta * math.exp(-residual / slope)
-            if low < newton < high:
-                following = newton
-        if abs(following - theta) <= 1e-13 * theta or residual == 0.0:
-            return following
-        last_log_theta = log_theta
-        last_residual = residual
-        theta = following
-    return theta
+        last, f_last = probe, f_probe
+        step = 0.14 if slip < 0.0 else 1.2 * abs(f_probe) / (2.0 * n + 1.0) + 1e-3
+        probe = min(probe + step, most) if upwards else max(probe - step, least)
+        f_probe = _load_excess_kernel(*soil, math.exp(probe))
+    # Chandrupatla: a is the newest point, b the one across the root, c the one before a.
+    a, f_a, b, f_b = probe, f_probe, last, f_last
+    c, f_c = b, f_b
+    share = 0.5
+    for _ in range(100):
+        new = a + share * (b - a)
+        f_new = _load_excess_kernel(*soil, math.exp(new))
+        c, f_c = a, f_a
+        if (f_new > 0.0) != (f_a > 0.0):
+            c, f_c, b, f_b = b, f_b, a, f_a
+        a, f_a = new, f_new
+        best = a if abs(f_a) < abs(f_b) else b
+        tolerance = 2e-15 * (1.0 + abs(best))
+        if f_a == 0.0 or abs(b - a) <= 2.0 * tolerance:
+            break
+        share = 0.5
+        if f_a != f_b and f_c not in (f_a, f_b):
+            xi, phi = (a - b) / (c - b), (f_a - f_b) / (f_c - f_b)
+            if phi * phi < xi and (1.0 - phi) ** 2 < 1.0 - xi:
+                share = f_a / (f_b - f_a) * f_c / (f_b - f_c) + (c - a) / (b - a) * f_a / (f_c - f_a) * f_b / (
+                    f_c - f_b
+                )
+        margin = tolerance / abs(b - a)
+        share = min(max(share, margin), 1.0 - margin)
+    return math.exp(a if abs(f_a) < abs(f_b) else b)
 
 
 @compiled
@@ -262,7 +259,7 @@ def _static_load_kernel(radius: float, width: float, modulus: float, n: float, t
         theta = theta_1 * (1.0 - _T_SQUARED[i])
         cos_theta = math.cos(theta)
         total += (radius * max(cos_theta - cos_1, 0.0)) ** n * cos_theta * _T_WEIGHT[i]
-    return 2.0 * radius * width * modulus * theta_1 * total
+    return float(2.0 * radius * width * modulus * theta_1 * total)
 
 
 @compiled
@@ -314,7 +311,7 @@ def _deformability_kernel(radius: float, width: float, load: float, theta_1: flo
 @compiled
 def _family_modulus_kernel(de: float, width: float) -> float:
     """k_c/b + k_phi of the one-parameter family (Eq. 7) [N/m^(n+2)]."""
-    return (-220.0 * de**0.2 + 220.06) * 1e3 / width + (-3000.0 * de**0.05 + 3040.0) * 1e3
+    return float((-220.0 * de**0.2 + 220.06) * 1e3 / width + (-3000.0 * de**0.05 + 3040.0) * 1e3)
 
 
 @compiled
@@ -413,7 +410,9 @@ def solve_sinkage(
 def static_contact_zone(
     wheel: Wheel, soil: Soil, load: npt.ArrayLike, unsolved: Literal["raise", "mask"] = "raise"
 ) -> float | FloatArray:
-    """Contact zone theta_1 - theta_2 [rad] of a wheel standing still under W [N]: symmetric, peak at the bottom, no shear.
+    """Contact zone theta_1 - theta_2 [rad] of a wheel standing still under W [N].
+
+    Symmetric contact, stress peak at bottom dead centre, no shear.
 
     Inputs broadcast; only n, k_c and k_phi matter. No solution below pi: ValueError, or NaN with `unsolved="mask"`.
     """

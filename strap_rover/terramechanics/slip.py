@@ -31,7 +31,7 @@ def slip_kernel(speed: float, rim_speed: float) -> float:
 
 @compiled
 def transport_ratio_kernel(slip: float) -> float:
-    """lambda = v/(r omega) from slip: 1 - s driving, 1/max(1 + s, 0.05) braking."""
+    """Transport ratio lambda = v/(r omega) from slip: 1 - s driving, 1/max(1 + s, 0.05) braking."""
     if slip >= 0.0:
         return 1.0 - slip
     return 1.0 / max(1.0 + slip, LOCKED_FLOOR)

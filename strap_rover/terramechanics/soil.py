@@ -1,7 +1,7 @@
 """Soils: Bekker pressure-sinkage and Mohr-Coulomb shear parameters, and the two-number family (de, st).
 
-Sources: S. Ebrahimi, A. Mardani, K. Alipour, Robotica (2020), doi:10.1017/S0263574720000521 (Tables I and II, Eqs 7, 8);
-Table II after J. Y. Wong, Terramechanics and Off-Road Vehicle Engineering.
+Sources: S. Ebrahimi, A. Mardani, K. Alipour, Robotica (2020) (Tables I and II,
+Eqs 7, 8); Table II after J. Y. Wong, Terramechanics and Off-Road Vehicle Engineering.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Spiral soil flow under a rolling wheel: where the soil goes, and whether more comes in than leaves.
 
-Eqs 5, 6 and 9 of Ebrahimi, Mardani and Alipour (Robotica 2020, doi:10.1017/S0263574720000521) with coefficients fitted
+Eqs 5, 6 and 9 of Ebrahimi, Mardani and Alipour (Robotica 2020) with coefficients fitted
 by K. Fukami et al., J. Terramechanics 43 (2006). x is forward from the wheel's centre, divided by the radius; the depth
 factor is 1 at the surface and 0 at the end of the pressure bulb H_c = 0.006 sqrt(W).
 
@@ -84,7 +84,7 @@ def flow_velocity(
 
 
 def contact_centre(theta_1: npt.ArrayLike, theta_2: npt.ArrayLike) -> FloatArray:
-    """m = (sin theta_1 + sin theta_2)/2, the middle of the contact in units of r."""
+    """Middle of the contact in units of r: m = (sin theta_1 + sin theta_2)/2."""
     return 0.5 * (np.sin(np.asarray(theta_1, dtype=np.float64)) + np.sin(np.asarray(theta_2, dtype=np.float64)))
 
 
@@ -94,12 +94,12 @@ def critical_flow_ratio(
     theta_2: npt.ArrayLike,
     definition: Literal["lobe", "boundary"] = "lobe",
 ) -> FloatArray:
-    """vc = M_ent/M_out [-]; below 1 more soil leaves the zone under the wheel than enters it. Inputs broadcast.
+    """Ratio vc = M_ent/M_out [-]: below 1 more soil leaves the zone under the wheel than enters it.
 
-    `lobe` (default): ratio of the mass carried by the front and the rear lobe of the flow within the contact; to raise an
-    alarm on it, hand in max(s, SLIP_FLOOR). `boundary`: Eq. 9 taken literally, velocities at the contact
-    ends; its Gaussian tails span some 27 orders of magnitude and call low slip critical: for comparison only (inf where
-    the rear end stands exactly on x_c).
+    Inputs broadcast. `lobe` (default): ratio of the mass carried by the front and the rear lobe of the flow within the
+    contact; to raise an alarm on it, hand in max(s, SLIP_FLOOR). `boundary`: Eq. 9 taken literally, velocities at the
+    contact ends; its Gaussian tails span some 27 orders of magnitude and call low slip critical: for comparison only
+    (inf where the rear end stands exactly on x_c).
 
     Depends on slip and the two angles alone: deformability, density, width, speed and load cancel. It rises with
     sinkage (the unsafe direction) and says nothing on firm ground or at a standing start. Raises ValueError for an
@@ -109,12 +109,12 @@ def critical_flow_ratio(
     x_2 = np.sin(np.asarray(theta_2, dtype=np.float64))
     if definition == "lobe":
         front, rear = _lobes(_shape(slip), x_1, x_2)
-        return np.divide(front, rear)
+        return np.asarray(front / rear)
     if definition == "boundary":
         shape = _shape(slip)
         u_1, u_2 = np.abs(x_1 - shape.x_c), np.abs(x_2 - shape.x_c)
         with np.errstate(divide="ignore", over="ignore"):
-            return u_1 / u_2 * np.exp((u_2**2 - u_1**2) / (2.0 * shape.w**2))
+            return np.asarray(u_1 / u_2 * np.exp((u_2**2 - u_1**2) / (2.0 * shape.w**2)))
     raise ValueError(f"definition must be 'lobe' or 'boundary', got {definition!r}")
 
 
