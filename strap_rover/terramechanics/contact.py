@@ -191,7 +191,7 @@ def _load_excess_kernel(
 
 
 @compiled
-def _load_balance_kernel(  # noqa: C901, PLR0912 - one bracket-and-refine loop, kept whole for the compiler
+def _load_balance_kernel(
     radius: float,
     width: float,
     modulus: float,
