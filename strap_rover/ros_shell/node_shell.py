@@ -1,0 +1,186 @@
+"""The node every strap_rover node is made of: checked parameters, counted topics, lockstep delivery, health."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Generic, TypeVar, cast
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from strap_rover import topics
+from strap_rover.ros_shell.health import Health, HealthLevel, health_message
+from strap_rover.ros_shell.parameters import declarations, plain_values
+from strap_rover.ros_shell.qos import message_class, qos_profile
+from strap_rover.settings import Settings, SettingsError, field_types, settings_as_mapping, settings_from_mapping
+from strap_rover.topics import Topic
+
+SettingsT = TypeVar("SettingsT", bound=Settings)
+
+HEALTH_PERIOD_S = 1.0
+
+
+class Announcement:
+    """A publisher of the contract that counts what it sends."""
+
+    def __init__(self, topic: Topic, publisher: Any, published: Counter[str]) -> None:
+        self.topic = topic
+        self._publish: Callable[[Any], None] = publisher.publish
+        self._published = published
+
+    def send(self, message: Any) -> None:
+        """Publish `message`."""
+        self._publish(message)
+        self._published[self.topic.name] += 1
+
+
+class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no types
+    """A node with settings of class `settings_type`.
+
+    Live (`self_ticking` True), an executor spins it and its timers run. In lockstep (False) nothing runs by itself:
+    the runner sets the time, calls `drain` and `report_health`; then the node starts no parameter services.
+    Without `settings` they come from the process's ROS parameters; with `settings`, process arguments are ignored.
+
+    Raises:
+        SettingsError: on construction, with every problem of the parameters, unknown names included.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings_type: type[SettingsT],
+        *,
+        settings: SettingsT | None = None,
+        context: Context | None = None,
+        use_sim_time: bool = False,
+        self_ticking: bool = True,
+    ) -> None:
+        super().__init__(
+            name,
+            context=context,
+            use_global_arguments=settings is None,
+            enable_rosout=self_ticking,
+            start_parameter_services=self_ticking,
+            parameter_overrides=[Parameter("use_sim_time", value=True)] if use_sim_time else None,
+        )
+        self.self_ticking = self_ticking
+        self.received: Counter[str] = Counter()
+        """Messages handed to callbacks, by topic name of the contract."""
+        self.published: Counter[str] = Counter()
+        """Messages sent, by topic name of the contract."""
+        self._lockstep_now_ns = 0
+        self._listened: list[tuple[Any, type[Any], Callable[[Any], None]]] = []
+        try:
+            self.settings: SettingsT = self._overridden(settings_type) if settings is None else settings
+        except SettingsError:
+            self.destroy_node()
+            raise
+        self.declare_parameters("", declarations(self.settings), ignore_override=True)
+        self.add_on_set_parameters_callback(self._may_change)
+        self.add_post_set_parameters_callback(self._change)
+        self._diagnostics = self.announce(topics.DIAGNOSTICS)
+        if self_ticking:
+            self.create_timer(HEALTH_PERIOD_S, self.report_health)
+
+    def listen(self, topic: Topic, callback: Callable[[Any], None]) -> None:
+        """Call `callback` with every message of `topic`, counted in `received`."""
+        name, received = topic.name, self.received
+
+        def count_and_call(message: Any) -> None:
+            received[name] += 1
+            callback(message)
+
+        message_type = message_class(topic.type_name)
+        subscription = self.create_subscription(message_type, topic.name, count_and_call, qos_profile(topic.delivery))
+        self._listened.append((subscription.handle, message_type, count_and_call))
+
+    def announce(self, topic: Topic) -> Announcement:
+        """A publisher for `topic`; its messages are counted in `published`."""
+        publisher = self.create_publisher(message_class(topic.type_name), topic.name, qos_profile(topic.delivery))
+        return Announcement(topic, publisher, self.published)
+
+    def drain(self) -> int:
+        """Take every waiting message and call its callback, topic by topic in the order of `listen`; how many.
+
+        For lockstep: not together with an executor that spins this node.
+        """
+        taken = 0
+        for handle, message_type, callback in self._listened:
+            while True:
+                with handle:
+                    taken_message = handle.take_message(message_type, False)
+                if taken_message is None:
+                    break
+                callback(taken_message[0])
+                taken += 1
+        return taken
+
+    def set_time(self, ns: int) -> None:
+        """Set the time a node in lockstep goes by [ns].
+
+        Raises:
+            ValueError: the node lives by its own clock, or time would run backwards.
+        """
+        if self.self_ticking:
+            raise ValueError(f"{self.get_name()} lives by its own clock; build it with self_ticking=False")
+        if ns < self._lockstep_now_ns:
+            raise ValueError(f"time {ns} ns is before {self._lockstep_now_ns} ns; hand in times that do not decrease")
+        self._lockstep_now_ns = ns
+
+    def now_ns(self) -> int:
+        """Now [ns]: of the node's clock (wall or /clock) when live, as last set in lockstep."""
+        if not self.self_ticking:
+            return self._lockstep_now_ns
+        return cast("int", self.get_clock().now().nanoseconds)
+
+    def health(self) -> Sequence[Health]:
+        """How the node is; subclasses say more."""
+        counts = {f"received {name}": count for name, count in self.received.items()}
+        counts.update({f"published {name}": count for name, count in self.published.items()})
+        return [Health("node", HealthLevel.OK, "running", counts)]
+
+    def report_health(self) -> None:
+        """Publish `health()`; once per second, by timer when live, by the runner in lockstep."""
+        self.publish_health(self.health())
+
+    def publish_health(self, parts: Iterable[tuple[str, HealthLevel, str, Mapping[str, object]]]) -> None:
+        """Publish (name, level, message with the remedy, values) of each part on /diagnostics."""
+        self._diagnostics.send(health_message(self.get_name(), self.now_ns(), parts))
+
+    def settings_changed(self) -> None:
+        """Called after a tunable parameter was set and `settings` renewed; subclasses pass it on to their core."""
+
+    def _overridden(self, settings_type: type[SettingsT]) -> SettingsT:
+        """Settings from this node's parameter overrides, of which rclpy itself ignores the unknown."""
+        own = plain_values(
+            parameter
+            for name, parameter in self._parameter_overrides.items()
+            if not self.has_parameter(name) and not name.startswith("qos_overrides.")
+        )
+        types = field_types(settings_type)
+        for name, value in own.items():
+            if value is None and name in types and types[name].is_tuple:
+                own[name] = []  # rclpy hands an empty list over as a parameter that is not set
+        return settings_from_mapping(settings_type, own, f"parameters of {self.get_name()}")
+
+    def _candidate(self, parameters: Iterable[Parameter]) -> SettingsT | None:
+        """The settings with `parameters` replaced; None when none of them is a setting."""
+        mapping = settings_as_mapping(self.settings)
+        changed = {name: value for name, value in plain_values(parameters).items() if name in mapping}
+        if not changed:
+            return None
+        return settings_from_mapping(type(self.settings), {**mapping, **changed}, self.get_name())
+
+    def _may_change(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            self._candidate(parameters)
+        except SettingsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _change(self, parameters: list[Parameter]) -> None:
+        candidate = self._candidate(parameters)
+        if candidate is not None:
+            self.settings = candidate
+            self.settings_changed()

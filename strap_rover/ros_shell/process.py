@@ -1,0 +1,84 @@
+"""A node as a process: init, spin, signals, exit code.
+
+`ros2 launch` sends SIGINT twice (from the terminal and by itself), so the second must find nothing that it can break.
+"""
+
+import argparse
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy._rclpy_pybind11 import InvalidHandle, RCLError, UnknownROSArgsError
+from rclpy.exceptions import NotInitializedException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.utilities import remove_ros_args
+
+from strap_rover.settings import SettingsError
+
+EXIT_OK = 0
+EXIT_BAD_SETTINGS = 2
+
+_POLL_S = 0.5
+"""How long an events executor waits before it looks whether the context still stands."""
+
+
+def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> int:
+    """Make the node with `factory`, spin it until SIGINT, SIGTERM or shutdown; the exit code.
+
+    `args` are the process's arguments with the program's name (default `sys.argv`). Besides ROS arguments:
+    `--executor events` spins with rclpy's experimental EventsExecutor, about five times cheaper than `single`.
+    Returns 0 after a signal, 2 with plain words on stderr when parameters or arguments are wrong. Any other exception
+    of the node is a bug and passes through.
+    """
+    argv = list(sys.argv if args is None else args)
+    signal.signal(signal.SIGINT, _take_no_notice)
+    try:
+        rclpy.init(args=argv)
+    except (RCLError, UnknownROSArgsError) as error:
+        sys.stderr.write(f"ROS arguments: {error}\n")
+        return EXIT_BAD_SETTINGS
+    node = None
+    try:
+        events = _wants_events_executor(remove_ros_args(argv)[1:])
+        node = factory()
+        _spin(node, events=events)
+    except SettingsError as error:
+        sys.stderr.write(f"{error}\n")
+        return EXIT_BAD_SETTINGS
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return EXIT_OK
+    except (RCLError, InvalidHandle, NotInitializedException):
+        if rclpy.ok():  # otherwise the context went away under a call: a signal, not a fault
+            raise
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return EXIT_OK
+
+
+def _take_no_notice(_signal_number: int, _frame: FrameType | None) -> None:
+    """In place of Python's SIGINT handler, which would raise KeyboardInterrupt anywhere; rclpy's runs before this."""
+
+
+def _wants_events_executor(arguments: Sequence[str]) -> bool:
+    parser = argparse.ArgumentParser(epilog="Parameters: --ros-args -p NAME:=VALUE or --params-file FILE")
+    parser.add_argument("--executor", choices=("single", "events"), default="single", help="how callbacks are run")
+    return bool(parser.parse_args(list(arguments)).executor == "events")
+
+
+def _spin(node: Any, *, events: bool) -> None:
+    if not events:
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        executor.spin()
+        return
+    executor = EventsExecutor()
+    executor.add_node(node)
+    while rclpy.ok():  # its own spin() fires no timers
+        executor.spin_once(timeout_sec=_POLL_S)
