@@ -313,8 +313,11 @@ class _Node:
         return parts.integer("sec") * _SECOND_NS + parts.integer("nsec")
 
 
-def parse_metadata(text: str, where: str | Path = METADATA_FILE) -> BagMetadata:
-    """The metadata in `text`; BagError names `where` and the field that is missing or wrong."""
+def parse_metadata(text: str, where: str | Path = METADATA_FILE, *, rooted: bool = True) -> BagMetadata:
+    """The metadata in `text`; BagError names `where` and the field that is missing or wrong.
+
+    `rooted=False` for the text of the record inside an MCAP file, which lacks the root key.
+    """
     file = str(where)
     try:
         # BaseLoader leaves every scalar a string: rosbag2 writes numbers in custom_data without quotes.
@@ -322,8 +325,9 @@ def parse_metadata(text: str, where: str | Path = METADATA_FILE) -> BagMetadata:
     except yaml.YAMLError as error:
         problem = " ".join(str(error).split())
         raise BagError(file, f"not YAML ({problem})", _BROKEN_REMEDY) from None
-    root = _Node.of(document, file, "").node(_ROOT)
-    root = _Node(file, "", root.fields)
+    root = _Node.of(document, file, "")
+    if rooted:
+        root = _Node(file, "", root.node(_ROOT).fields)
     version = root.integer("version")
     if version != METADATA_VERSION:
         raise BagError(

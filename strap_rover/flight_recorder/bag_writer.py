@@ -44,6 +44,8 @@ _DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 _RESERVE_STEP_BYTES = 1 << 20
 _SUMMARY_BYTES_PER_CHUNK = 128
 _SUMMARY_BYTES_PER_CHUNK_AND_TOPIC = 10
+_METADATA_BYTES_PER_TOPIC = 4096
+_BYTES_AROUND_MESSAGE = 64
 _RECOVER_REMEDY = "free space, then rescue them with `mcap recover FILE -o NEW_FILE`"
 
 
@@ -349,10 +351,12 @@ class BagWriter:
             raise self._failed(error) from error
 
     def _reserve_bytes(self) -> int:
-        """Space for one chunk, the summary of all chunks so far and the metadata, in whole steps."""
+        """Space for the messages held back, one chunk, the summary of all chunks and the metadata, in whole steps."""
         per_chunk = _SUMMARY_BYTES_PER_CHUNK + _SUMMARY_BYTES_PER_CHUNK_AND_TOPIC * len(self._topics)
         schemas = sum(map(len, self._definitions.values()))
-        need = 2 * self._chunk_size_bytes + schemas + 4096 * len(self._topics) + per_chunk * self._chunk_count
+        held = sum(len(item[3]) + _BYTES_AROUND_MESSAGE for item in self._held)
+        need = 2 * (self._chunk_size_bytes + held) + schemas
+        need += _METADATA_BYTES_PER_TOPIC * len(self._topics) + per_chunk * self._chunk_count
         return -(-need // _RESERVE_STEP_BYTES) * _RESERVE_STEP_BYTES
 
     # One file

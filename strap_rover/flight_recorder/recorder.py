@@ -1,0 +1,144 @@
+"""Records topics of a running graph into a bag, by draining raw subscriptions instead of spinning an executor.
+
+An executor that calls back per message loses messages at rates a drained subscription keeps up with, at a fraction
+of the processor time. The topics are known from the contract, so the recorder subscribes before anything publishes.
+"""
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy
+
+from strap_rover.flight_recorder.bag_format import contract_topic
+from strap_rover.flight_recorder.bag_writer import BagWriter, Compression
+from strap_rover.flight_recorder.loss_ledger import LossLedger, TopicLoss
+from strap_rover.flight_recorder.message_definition import type_hash
+from strap_rover.ros_shell.qos import message_class, qos_profile
+from strap_rover.topics import CONTRACT, Topic
+
+DEFAULT_DEPTH = 1000
+LOSS_KEY = "message_loss"
+"""Key of the loss ledger in the bag's custom_data."""
+
+_Taken = tuple[bytes, dict[str, int]]
+
+
+@dataclass(slots=True)
+class _Tap:
+    """One raw subscription."""
+
+    row_name: str
+    full_name: str
+    subscription: Any
+    message_type: type[Any]
+    loss: TopicLoss
+    called_back: deque[_Taken] = field(default_factory=deque)
+    """What an executor took first, when the node is spun after all."""
+
+
+class Recorder:
+    """Raw subscriptions for `rows` of the contract on `node`, drained into `writer`.
+
+    Give it a node of its own that no executor spins: it works all the same when one does, at the executor's price.
+    `writer` must have every topic under its fully qualified name (`Recorder.open` sees to that); ValueError else.
+    Each subscription queues up to `depth` messages between two drains.
+    """
+
+    def __init__(
+        self, node: Node, writer: BagWriter, rows: Sequence[Topic] = CONTRACT, *, depth: int = DEFAULT_DEPTH
+    ) -> None:
+        if depth <= 0:
+            raise ValueError(f"depth is {depth}; use a number > 0, such as {DEFAULT_DEPTH}")
+        self.writer = writer
+        self.received: dict[str, int] = {row.name: 0 for row in rows}
+        """Messages recorded, by topic name of the contract."""
+        self.losses = LossLedger()
+        self._node = node
+        in_bag = {topic.name for topic in writer.topics}
+        self._taps: list[_Tap] = []
+        for row in rows:
+            full_name = node.resolve_topic_name(row.name)
+            if full_name not in in_bag:
+                raise ValueError(f"topic {full_name} is not in the bag; open the bag with the topics to be recorded")
+            self._taps.append(self._subscribe(row, full_name, depth))
+
+    @classmethod
+    def open(
+        cls,
+        node: Node,
+        directory: str | Path,
+        rows: Sequence[Topic] = CONTRACT,
+        *,
+        custom_data: Mapping[str, str] | None = None,
+        compression: Compression = "zstd",
+        hold_ns: int = 0,
+        depth: int = DEFAULT_DEPTH,
+        max_file_bytes: int = 0,
+        max_file_duration_ns: int = 0,
+    ) -> Self:
+        """Begin a bag in `directory` with all of `rows` and record into it; see BagWriter for what is raised."""
+        topics = [contract_topic(row, node.resolve_topic_name(row.name), type_hash(row.type_name)) for row in rows]
+        writer = BagWriter(
+            directory,
+            topics,
+            custom_data=custom_data,
+            compression=compression,
+            hold_ns=hold_ns,
+            max_file_bytes=max_file_bytes,
+            max_file_duration_ns=max_file_duration_ns,
+        )
+        return cls(node, writer, rows, depth=depth)
+
+    def _subscribe(self, row: Topic, full_name: str, depth: int) -> _Tap:
+        profile = qos_profile(row.delivery)
+        profile.history = HistoryPolicy.KEEP_LAST
+        profile.depth = depth
+        message_type = message_class(row.type_name)
+        called_back: deque[_Taken] = deque()
+
+        def keep(data: bytes, info: dict[str, int]) -> None:
+            called_back.append((data, info))
+
+        subscription = self._node.create_subscription(message_type, row.name, keep, profile, raw=True)
+        return _Tap(row.name, full_name, subscription, message_type, self.losses.topic(full_name), called_back)
+
+    def drain(self, log_time_ns: int | None = None) -> int:
+        """Take everything that waits, topic by topic in contract order, into the bag; how many messages.
+
+        `log_time_ns` is the simulated time of a lockstep run: both times of every message are set to it, so that
+        two runs give the same bag. Without it the log time is when the message was received and the publish time
+        when it was sent [ns since the epoch]. BagError when the bag cannot take them.
+        """
+        return sum(self._drain_tap(tap, log_time_ns) for tap in self._taps)
+
+    def _drain_tap(self, tap: _Tap, log_time_ns: int | None) -> int:
+        handle = tap.subscription.handle
+        count = 0
+        with handle:
+            take: Callable[[type[Any], bool], _Taken | None] = handle.take_message
+            while True:
+                taken = tap.called_back.popleft() if tap.called_back else take(tap.message_type, True)
+                if taken is None:
+                    break
+                data, info = taken
+                number = info.get("publication_sequence_number")
+                if number is not None:
+                    tap.loss.note(number)
+                if log_time_ns is None:
+                    received_ns = info["received_timestamp"] or self._node.get_clock().now().nanoseconds
+                    self.writer.write(tap.full_name, data, received_ns, info["source_timestamp"] or received_ns)
+                else:
+                    self.writer.write(tap.full_name, data, log_time_ns, log_time_ns)
+                count += 1
+        self.received[tap.row_name] += count
+        return count
+
+    def close(self) -> None:
+        """Close the bag with the loss ledger in its custom_data; the subscriptions go with the node."""
+        if not self.writer.closed:
+            self.writer.add_custom_data({LOSS_KEY: self.losses.as_text()})
+        self.writer.close()
