@@ -23,7 +23,7 @@ EXIT_OK = 0
 EXIT_BAD_SETTINGS = 2
 
 _POLL_S = 0.5
-"""How long an events executor waits before it looks whether the context still stands."""
+"""How long the executor waits for work before the process looks whether its context still stands."""
 
 
 def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> int:
@@ -44,8 +44,11 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
     node = None
     try:
         events = _wants_events_executor(remove_ros_args(argv)[1:])
+        executor = EventsExecutor() if events else SingleThreadedExecutor()  # first: it cannot be made after a signal
         node = factory()
-        _spin(node, events=events)
+        executor.add_node(node)
+        while rclpy.ok():  # not EventsExecutor.spin(), which fires no timers
+            executor.spin_once(timeout_sec=_POLL_S)
     except SettingsError as error:
         sys.stderr.write(f"{error}\n")
         return EXIT_BAD_SETTINGS
@@ -70,15 +73,3 @@ def _wants_events_executor(arguments: Sequence[str]) -> bool:
     parser = argparse.ArgumentParser(epilog="Parameters: --ros-args -p NAME:=VALUE or --params-file FILE")
     parser.add_argument("--executor", choices=("single", "events"), default="single", help="how callbacks are run")
     return bool(parser.parse_args(list(arguments)).executor == "events")
-
-
-def _spin(node: Any, *, events: bool) -> None:
-    if not events:
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        executor.spin()
-        return
-    executor = EventsExecutor()
-    executor.add_node(node)
-    while rclpy.ok():  # its own spin() fires no timers
-        executor.spin_once(timeout_sec=_POLL_S)
