@@ -1,0 +1,409 @@
+"""The core of the soil estimator: contact angles, encoders and odometry in, `SoilState` out.
+
+Deformability is read from the contact zone while a wheel stands or creeps, where shear is absent and the zone depends
+on de and the load alone. Stickiness does not show in the angles of a standing wheel and stays at its prior.
+Slip and soil flow follow at every tick.
+
+Source: S. Ebrahimi, A. Mardani, K. Alipour, Robotica 2020. The paper's own rule, de = zone/100 deg, contradicts its
+Eq. 7 (a true 0.1 reads back as 0.27) and stays as the option `paper_linear`.
+"""
+
+import functools
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from soil_flow_estimator.soil_state import SoilState, SoilStatus
+from strap_rover.arrays import BoolArray, FloatArray, IntArray
+from strap_rover.rover import RoverDescription
+from strap_rover.settings import check_settings
+from strap_rover.telemetry import Attitude, BodyMotion, Suspension, WheelStates
+from strap_rover.terramechanics.contact import (
+    DEFORMABILITY_BOUNDS,
+    Wheel,
+    at_deformability_bound,
+    deformability_by_linear_rule,
+    deformability_from_zone,
+)
+from strap_rover.terramechanics.slip import REST_SPEED, slip_ratio
+from strap_rover.terramechanics.spiral_flow import SLIP_FLOOR, SLIP_VALID, mass_flow, slip_limit
+from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus
+
+PRIOR_MEAN = 0.5
+PRIOR_STD = 1.0 / math.sqrt(12.0)
+"""Mean and 1-sigma of de and st before anything is known: uniform on [0, 1]."""
+LEAST_DE_STD = 1e-3
+"""Floor of the 1-sigma of a static de."""
+LEAST_ZONE = 1e-3
+"""A contact zone [rad] narrower than this is no contact."""
+NEUTRAL_ENTRY, NEUTRAL_EXIT = 0.3, -0.05
+"""Angles [rad] put in place of unknown ones, so that the flow law can be evaluated for all wheels at once."""
+
+_VALID, _PREDICTED = int(ContactStatus.VALID), int(ContactStatus.PREDICTED)
+
+
+@dataclass(frozen=True, slots=True)
+class SoilEstimatorSettings:
+    """How the soil is estimated. Construction raises SettingsError, a ValueError, for a value out of range."""
+
+    deformability_rule: str = field(
+        default="inverse",
+        metadata={
+            "doc": "inverse: de whose static contact zone is the one measured; paper_linear: min(1, zone/100 deg)",
+            "choices": ("inverse", "paper_linear"),
+        },
+    )
+    standing_speed_radps: float = field(
+        default=0.02,
+        metadata={"doc": "wheel speed below which a wheel stands [rad/s] (paper: 0.01)", "min": 0.0, "max": 1.0},
+    )
+    standing_travel_m: float = field(
+        default=0.01, metadata={"doc": "rim travel that starts a new average [m]", "min": 0.001, "max": 1.0}
+    )
+    readings_min: int = field(default=5, metadata={"doc": "readings before de is estimated", "min": 1, "max": 10000})
+    asymmetry_max: float = field(
+        default=0.2,
+        metadata={"doc": "largest |theta_1 + theta_2|/zone of a contact that counts as static", "min": 0.0, "max": 1.0},
+    )
+    angle_bias_std_rad: float = field(
+        default=0.006,
+        metadata={"doc": "1-sigma of an angle's error that averaging leaves [rad]", "min": 0.0, "max": 0.5},
+    )
+    load_std_ratio: float = field(
+        default=0.1, metadata={"doc": "1-sigma of a wheel's load, relative", "min": 0.0, "max": 1.0}
+    )
+    wheel_speed_std_radps: float = field(
+        default=0.005, metadata={"doc": "1-sigma of encoder speed [rad/s]", "min": 0.0, "max": 1.0}
+    )
+    de_drift_per_sqrt_m: float = field(
+        default=0.16,
+        metadata={"doc": "growth of de's 1-sigma with rim travel [1/sqrt(m)]", "min": 0.0, "max": 10.0},
+    )
+    soil_density_kgpm3: float = field(
+        default=1600.0, metadata={"doc": "bulk density of the soil [kg/m^3]", "min": 100.0, "max": 5000.0}
+    )
+    input_timeout_s: float = field(
+        default=0.2, metadata={"doc": "age of an input at which nothing is said [s]", "min": 0.005, "max": 10.0}
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, slots=True)
+class SoilEstimatorHealth:
+    """Counts since construction."""
+
+    rejected_records: int
+    """Records with a wrong shape, numbers that are not finite, or a stamp older than the one before."""
+    late_ticks: int
+    """Ticks without an answer, because an input was too old."""
+    static_readings: int
+    """Readings of single wheels that went into a static estimate."""
+    wheels_estimated: int
+    """Wheels whose de has been estimated."""
+
+
+def travel_angles(theta_1: FloatArray, theta_2: FloatArray, direction: float) -> tuple[FloatArray, FloatArray]:
+    """Entry and exit angle [rad] of a wheel seen along its direction of travel, the entry positive.
+
+    Backwards the wheel is mirrored. The leading end is the entry, whichever of the two it was called.
+
+    Args:
+        theta_1: one end of the contact, positive towards the rover's front [rad].
+        theta_2: the other end [rad].
+        direction: +1 forwards, -1 backwards.
+    """
+    front, rear = direction * theta_1, direction * theta_2
+    return np.maximum(front, rear), np.minimum(front, rear)
+
+
+class DeformabilityTable:
+    """De by contact zone and load for every wheel: the law solved once on a grid, linear in between.
+
+    Grid: 257 zones over (0, 180 deg), 25 loads from 0.45 to 1.4 times each wheel's load, evenly in the logarithm;
+    beyond, the nearest edge. Against the law the error is below 3e-4 in de from 0 to 0.95.
+    """
+
+    ZONES = 257
+    LOADS = 25
+    LOAD_RANGE = (0.45, 1.4)
+
+    def __init__(self, wheels: tuple[Wheel, ...], loads: tuple[float, ...]) -> None:
+        least, most = (math.log(bound) for bound in self.LOAD_RANGE)
+        self._least = least
+        self._zone_scale = (self.ZONES - 1) / math.pi
+        self._load_scale = (self.LOADS - 1) / (most - least)
+        self._nodes = np.concatenate(
+            [_solved_grid(wheel, load).ravel() for wheel, load in zip(wheels, loads, strict=True)]
+        )
+        self._first = np.arange(len(wheels), dtype=np.int64) * (self.ZONES * self.LOADS)
+
+    def __call__(self, zone: FloatArray, log_load_ratio: FloatArray) -> FloatArray:
+        """De of each wheel.
+
+        Args:
+            zone: contact zone [rad], shape (..., W).
+            log_load_ratio: natural logarithm of the load over the wheel's nominal load, shape (..., W).
+        """
+        across = np.minimum(np.maximum(zone * self._zone_scale, 0.0), self.ZONES - 1.000001)
+        up = np.minimum(np.maximum((log_load_ratio - self._least) * self._load_scale, 0.0), self.LOADS - 1.000001)
+        column, row = across.astype(np.int64), up.astype(np.int64)
+        corner = self._first + row * self.ZONES + column
+        across, up = across - column, up - row
+        nodes = self._nodes
+        low = nodes[corner] * (1.0 - across) + nodes[corner + 1] * across
+        high = nodes[corner + self.ZONES] * (1.0 - across) + nodes[corner + self.ZONES + 1] * across
+        de: FloatArray = low * (1.0 - up) + high * up
+        return de
+
+
+@functools.lru_cache(maxsize=32)
+def _solved_grid(wheel: Wheel, load: float) -> FloatArray:
+    """De at every node, shape (LOADS, ZONES); shared by equal wheels."""
+    zone = np.linspace(0.0, math.pi, DeformabilityTable.ZONES)
+    zone[0], zone[-1] = 1e-9, math.pi - 1e-9
+    ratio = np.geomspace(*DeformabilityTable.LOAD_RANGE, DeformabilityTable.LOADS)
+    grid = np.asarray(deformability_from_zone(wheel, load * ratio[:, None], zone[None, :]))
+    grid.setflags(write=False)
+    return grid
+
+
+class _Stamped(Protocol):
+    @property
+    def stamp_ns(self) -> int: ...
+
+
+class SoilEstimator:
+    """Feed what arrives, in order of time; call `tick` at a steady rate."""
+
+    def __init__(self, rover: RoverDescription, settings: SoilEstimatorSettings) -> None:
+        self._settings = settings
+        count = len(rover.wheels)
+        self._radius = np.array([wheel.radius_m for wheel in rover.wheels])
+        self._width = np.array([wheel.width_m for wheel in rover.wheels])
+        self._load = rover.vertical_load_n * np.array([wheel.load_share for wheel in rover.wheels])
+        if not (self._load > 0.0).all():
+            bare = [wheel.name for wheel in rover.wheels if wheel.load_share == 0.0]
+            raise ValueError(f"wheels {bare} have load_share 0: soil cannot be judged without load; give each a share")
+        self._table = DeformabilityTable(
+            tuple(Wheel(wheel.radius_m, wheel.width_m) for wheel in rover.wheels), tuple(self._load.tolist())
+        )
+        self._angles: ContactAngles | None = None
+        self._wheel_states: WheelStates | None = None
+        self._body_motion: BodyMotion | None = None
+        self._attitude: Attitude | None = None
+        self._suspension: Suspension | None = None
+        self._direction = 1.0
+
+        self._anchor: FloatArray | None = None  # encoder where the average began
+        self._readings = np.zeros(count, dtype=np.int64)
+        self._zone_sum = np.zeros(count)
+        self._variance_sum = np.zeros(count)
+
+        self._de = np.full(count, PRIOR_MEAN)
+        self._de_variance = np.full(count, PRIOR_STD**2)
+        self._is_estimated = np.zeros(count, dtype=np.bool_)
+        self._is_at_bound = np.zeros(count, dtype=np.bool_)
+        self._de_angle = np.zeros(count)  # encoder where de was estimated
+        self._st = np.full(count, PRIOR_MEAN)
+        self._st_std = np.full(count, PRIOR_STD)
+
+        self._rejected_records = 0
+        self._late_ticks = 0
+        self._static_readings = 0
+
+    def feed_contact_angles(self, angles: ContactAngles) -> None:
+        """Take contact angles; those of standing wheels go into the estimate of de."""
+        of_wheels = (angles.theta_1, angles.theta_2, angles.theta_1_std, angles.theta_2_std, angles.status)
+        if self._is_good(angles, self._angles, of_wheels):
+            self._angles = angles
+            self._observe_static(angles)
+
+    def feed_wheel_states(self, states: WheelStates) -> None:
+        """Take encoders; torque is not used."""
+        if self._is_good(states, self._wheel_states, (states.angle, states.speed)):
+            self._wheel_states = states
+
+    def feed_body_motion(self, motion: BodyMotion) -> None:
+        """Take odometry; its speed and the speed's std make slip and its std."""
+        if self._is_good(motion, self._body_motion, (), motion.speed + motion.speed_std):
+            self._body_motion = motion
+
+    def feed_attitude(self, attitude: Attitude) -> None:
+        """Take the body's attitude; its pitch takes load off the wheels. Without it the ground counts as level."""
+        if self._is_good(attitude, self._attitude, (), sum(attitude.orientation)):
+            self._attitude = attitude
+
+    def feed_suspension(self, suspension: Suspension) -> None:
+        """Take rocker and bogie angles; kept, no estimate of this core depends on them."""
+        if self._is_good(suspension, self._suspension, (), float(suspension.angle.sum())):
+            self._suspension = suspension
+
+    def tick(self, now_ns: int) -> SoilState | None:
+        """The estimate now; None until angles, wheel states and odometry are there and fresh.
+
+        Args:
+            now_ns: time now [ns].
+        """
+        angles, states, motion = self._angles, self._wheel_states, self._body_motion
+        if angles is None or states is None or motion is None:
+            return None
+        oldest = min(angles.stamp_ns, states.stamp_ns, motion.stamp_ns)
+        if now_ns - oldest > self._settings.input_timeout_s * 1e9:
+            self._late_ticks += 1
+            return None
+        slip, slip_std = self._slip(states, motion)
+        if abs(motion.speed) > REST_SPEED:
+            self._direction = math.copysign(1.0, motion.speed)
+        entry, leave = travel_angles(angles.theta_1, angles.theta_2, self._direction)
+        has_angles = ((angles.status == _VALID) | (angles.status == _PREDICTED)) & (entry - leave > LEAST_ZONE)
+        if not has_angles.all():
+            entry, leave = np.where(has_angles, entry, NEUTRAL_ENTRY), np.where(has_angles, leave, NEUTRAL_EXIT)
+        travel = np.abs(states.angle - self._de_angle) * self._radius
+        vc, m_ent, m_out = self._soil_flow(slip, entry, leave, abs(motion.speed))
+        slip_max = np.fmin(slip_limit(entry, leave, unsolved="mask"), SLIP_VALID)
+        status = self._status(travel)
+        if not has_angles.all():
+            vc, m_ent, m_out = np.where(has_angles, vc, 1.0), m_ent * has_angles, m_out * has_angles
+            slip_max = np.where(has_angles, slip_max, SLIP_VALID)
+            status = np.where(has_angles, status, int(SoilStatus.NO_DATA))
+        return SoilState(
+            stamp_ns=now_ns,
+            slip=slip,
+            slip_std=slip_std,
+            de=self._de,
+            de_std=self._de_std(travel),
+            st=self._st,
+            st_std=self._st_std,
+            vc=vc,
+            m_ent=m_ent,
+            m_out=m_out,
+            slip_max=slip_max,
+            status=status,
+        )
+
+    def health(self) -> SoilEstimatorHealth:
+        """Counts, for diagnostics."""
+        return SoilEstimatorHealth(
+            rejected_records=self._rejected_records,
+            late_ticks=self._late_ticks,
+            static_readings=self._static_readings,
+            wheels_estimated=int(np.count_nonzero(self._is_estimated)),
+        )
+
+    def _is_good(
+        self, record: _Stamped, before: _Stamped | None, wheels: tuple[FloatArray | IntArray, ...], numbers: float = 0.0
+    ) -> bool:
+        """In order of time, arrays `wheels` one value per wheel, everything finite (`numbers`: a sum of scalars)."""
+        in_order = before is None or record.stamp_ns >= before.stamp_ns
+        whole = all(array.shape == self._radius.shape and math.isfinite(array.sum()) for array in wheels)
+        if in_order and whole and math.isfinite(numbers):
+            return True
+        self._rejected_records += 1
+        return False
+
+    def _slip(self, states: WheelStates, motion: BodyMotion) -> tuple[FloatArray, FloatArray]:
+        """Slip and its 1-sigma: with a the slower and b the faster of body and rim, |s| = 1 - a/b."""
+        speed = abs(motion.speed)
+        rim = np.abs(self._radius * states.speed)
+        slip = slip_ratio(motion.speed, self._radius, states.speed)
+        faster = np.maximum(rim, speed)
+        body_std = motion.speed_std
+        rim_std = self._settings.wheel_speed_std_radps * self._radius
+        ratio = 1.0 - np.abs(slip)
+        is_driving = slip > 0.0
+        variance = (
+            np.where(is_driving, body_std**2 + (ratio * rim_std) ** 2, (ratio * body_std) ** 2 + rim_std**2)
+            / np.maximum(faster, REST_SPEED) ** 2
+        )
+        at_rest = faster < REST_SPEED
+        return slip, np.where(at_rest, 1.0, np.minimum(np.sqrt(variance), 1.0))
+
+    def _soil_flow(
+        self, slip: FloatArray, entry: FloatArray, leave: FloatArray, speed: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Critical flow ratio, M_ent and M_out [kg/s]: both flows are proportional to de and speed, vc is neither."""
+        flow_in, flow_out = mass_flow(
+            np.maximum(slip, SLIP_FLOOR),
+            entry,
+            leave,
+            1.0,
+            self._settings.soil_density_kgpm3,
+            self._width,
+            1.0,
+            self._load * self._load_factor(),
+        )
+        scale = self._de * speed
+        return flow_in / flow_out, flow_in * scale, flow_out * scale
+
+    def _load_factor(self) -> float:
+        return math.cos(self._attitude.pitch) if self._attitude is not None else 1.0
+
+    def _observe_static(self, angles: ContactAngles) -> None:
+        """Average the zones of wheels that stand, and turn the mean into de."""
+        states, motion, settings = self._wheel_states, self._body_motion, self._settings
+        if states is None or motion is None:
+            return
+        if self._anchor is None:
+            self._anchor = self._de_angle = states.angle
+        moved = np.abs(states.angle - self._anchor) * self._radius > settings.standing_travel_m
+        if moved.any():
+            self._anchor = np.where(moved, states.angle, self._anchor)
+            for sums in (self._readings, self._zone_sum, self._variance_sum):
+                sums[moved] = 0
+        creep = float(self._radius.max()) * settings.standing_speed_radps
+        if abs(motion.speed) > creep + 3.0 * motion.speed_std:
+            return
+        zone = np.abs(angles.theta_1 - angles.theta_2)
+        is_symmetric = np.abs(angles.theta_1 + angles.theta_2) <= settings.asymmetry_max * zone
+        stands = np.abs(states.speed) <= settings.standing_speed_radps
+        counts = stands & is_symmetric & (angles.status == _VALID) & (zone > LEAST_ZONE)
+        if not counts.any():
+            return
+        self._static_readings += int(np.count_nonzero(counts))
+        self._readings += counts
+        self._zone_sum += np.where(counts, zone, 0.0)
+        self._variance_sum += np.where(counts, angles.theta_1_std**2 + angles.theta_2_std**2, 0.0)
+        ready = counts & (self._readings >= settings.readings_min)
+        if ready.any():
+            self._estimate_de(ready, states.angle)
+
+    def _estimate_de(self, ready: BoolArray, encoder: FloatArray) -> None:
+        settings = self._settings
+        readings = np.maximum(self._readings, 1)
+        zone = self._zone_sum / readings
+        zone_std = np.sqrt(self._variance_sum / readings**2 + 2.0 * settings.angle_bias_std_rad**2)
+        if settings.deformability_rule == "paper_linear":
+            least, most = DEFORMABILITY_BOUNDS
+            probes = np.array([zone, zone - zone_std, zone + zone_std])
+            de, low, high = np.minimum(np.maximum(deformability_by_linear_rule(probes), least), most)
+            variance = (0.5 * (high - low)) ** 2
+        else:
+            log_load = math.log(max(self._load_factor(), DeformabilityTable.LOAD_RANGE[0]))
+            load_std = settings.load_std_ratio
+            same = np.zeros_like(zone)
+            de, low, high, light, heavy = self._table(
+                np.array([zone, zone - zone_std, zone + zone_std, zone, zone]),
+                log_load + np.array([same, same, same, same - load_std, same + load_std]),
+            )
+            variance = (0.5 * (high - low)) ** 2 + (0.5 * (light - heavy)) ** 2
+        is_too_soft = de >= DEFORMABILITY_BOUNDS[1]
+        variance = np.where(is_too_soft, PRIOR_STD**2, np.maximum(variance, LEAST_DE_STD**2))
+        self._de = np.where(ready, de, self._de)
+        self._de_variance = np.where(ready, variance, self._de_variance)
+        self._is_at_bound = np.where(ready, at_deformability_bound(de), self._is_at_bound)
+        self._is_estimated = self._is_estimated | ready
+        self._de_angle = np.where(ready, encoder, self._de_angle)
+
+    def _de_std(self, travel: FloatArray) -> FloatArray:
+        """1-sigma of de after `travel` [m] of rim: the soil drifts, up to knowing nothing."""
+        grown = self._de_variance + self._settings.de_drift_per_sqrt_m**2 * travel
+        return np.sqrt(np.where(self._is_estimated, np.minimum(grown, PRIOR_STD**2), PRIOR_STD**2))
+
+    def _status(self, travel: FloatArray) -> IntArray:
+        static = np.where(self._is_at_bound, int(SoilStatus.STATIC_AT_BOUND), int(SoilStatus.STATIC_ESTIMATE))
+        known = np.where(travel <= self._settings.standing_travel_m, static, int(SoilStatus.HELD))
+        return np.where(self._is_estimated, known, int(SoilStatus.PRIOR))
