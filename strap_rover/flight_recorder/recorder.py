@@ -4,9 +4,8 @@ An executor that calls back per message loses messages at rates a drained subscr
 of the processor time. The topics are known from the contract, so the recorder subscribes before anything publishes.
 """
 
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -24,8 +23,6 @@ DEFAULT_DEPTH = 1000
 LOSS_KEY = "message_loss"
 """Key of the loss ledger in the bag's custom_data."""
 
-_Taken = tuple[bytes, dict[str, int]]
-
 
 @dataclass(slots=True)
 class _Tap:
@@ -36,16 +33,18 @@ class _Tap:
     subscription: Any
     message_type: type[Any]
     loss: TopicLoss
-    called_back: deque[_Taken] = field(default_factory=deque)
-    """What an executor took first, when the node is spun after all."""
+
+
+def _refuse(_data: bytes) -> None:
+    raise RuntimeError("an executor spins the recorder's node; give the recorder a node of its own and call drain()")
 
 
 class Recorder:
     """Raw subscriptions for `rows` of the contract on `node`, drained into `writer`.
 
-    Give it a node of its own that no executor spins: it works all the same when one does, at the executor's price.
-    `writer` must have every topic under its fully qualified name (`Recorder.open` sees to that); ValueError else.
-    Each subscription queues up to `depth` messages between two drains.
+    The node must be one that no executor spins, for `drain` takes the messages: an executor would take them first,
+    and the callback then raises RuntimeError. `writer` must have every topic under its fully qualified name
+    (`Recorder.open` sees to that); ValueError else. Each subscription queues up to `depth` messages between drains.
     """
 
     def __init__(
@@ -98,13 +97,8 @@ class Recorder:
         profile.history = HistoryPolicy.KEEP_LAST
         profile.depth = depth
         message_type = message_class(row.type_name)
-        called_back: deque[_Taken] = deque()
-
-        def keep(data: bytes, info: dict[str, int]) -> None:
-            called_back.append((data, info))
-
-        subscription = self._node.create_subscription(message_type, row.name, keep, profile, raw=True)
-        return _Tap(row.name, full_name, subscription, message_type, self.losses.topic(full_name), called_back)
+        subscription = self._node.create_subscription(message_type, row.name, _refuse, profile, raw=True)
+        return _Tap(row.name, full_name, subscription, message_type, self.losses.topic(full_name))
 
     def drain(self, log_time_ns: int | None = None) -> int:
         """Take everything that waits, topic by topic in contract order, into the bag; how many messages.
@@ -119,9 +113,9 @@ class Recorder:
         handle = tap.subscription.handle
         count = 0
         with handle:
-            take: Callable[[type[Any], bool], _Taken | None] = handle.take_message
+            take: Callable[[type[Any], bool], tuple[bytes, dict[str, int]] | None] = handle.take_message
             while True:
-                taken = tap.called_back.popleft() if tap.called_back else take(tap.message_type, True)
+                taken = take(tap.message_type, True)
                 if taken is None:
                     break
                 data, info = taken
