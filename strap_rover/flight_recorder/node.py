@@ -16,6 +16,7 @@ from typing import cast
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
+from rclpy.node import Node
 
 from strap_rover.flight_recorder.bag_format import BagError
 from strap_rover.flight_recorder.bag_writer import Compression
@@ -63,9 +64,19 @@ class RecorderNode(NodeShell[RecorderSettings]):
         super().__init__("recorder", RecorderSettings, settings=settings, context=context)
         chosen = self.settings
         now = datetime.now(UTC)
+        # A node for the subscriptions alone, which no executor takes messages from.
+        self._tap = Node(
+            "recorder_tap",
+            namespace=self.get_namespace(),
+            context=self.context,
+            cli_args=["--ros-args", "-r", f"__node:={self.get_name()}_tap"],
+            use_global_arguments=settings is None,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
         try:
             self.recorder = Recorder.open(
-                self,
+                self._tap,
                 chosen.directory or f"strap_rover_{now:%Y%m%d_%H%M%S}",
                 custom_data={"recorder_settings": json.dumps(dataclasses.asdict(chosen))},
                 compression=cast("Compression", chosen.compression),
@@ -75,6 +86,7 @@ class RecorderNode(NodeShell[RecorderSettings]):
                 max_file_duration_ns=round(chosen.max_file_duration_s * _SECOND_NS),
             )
         except BagError:
+            self._tap.destroy_node()
             super().destroy_node()
             raise
         self._flush_due_s = self._sync_due_s = 0.0
@@ -112,6 +124,7 @@ class RecorderNode(NodeShell[RecorderSettings]):
                 pass  # the context is gone already, and with it what waited in the queues
             finally:
                 recorder.close()
+        self._tap.destroy_node()
         super().destroy_node()
 
 
