@@ -29,7 +29,16 @@ _RECORD_HEAD_BYTES = 9
 _SECOND_NS = 10**9
 _CUT_OFF_REMEDY = "rescue what is in it with `mcap recover FILE -o NEW_FILE`"
 # What damaged bytes make the MCAP library raise.
-_DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, KeyError, EOFError)
+_DAMAGE = (
+    McapError,
+    zstandard.ZstdError,
+    struct.error,
+    ValueError,
+    KeyError,
+    EOFError,
+    OverflowError,
+    MemoryError,
+)
 
 
 class BagMessage(NamedTuple):

@@ -9,7 +9,6 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import cast
 
@@ -20,41 +19,14 @@ from rclpy.node import Node
 
 from strap_rover.flight_recorder.bag_format import BagError
 from strap_rover.flight_recorder.bag_writer import Compression
-from strap_rover.flight_recorder.recorder import DEFAULT_DEPTH, Recorder
+from strap_rover.flight_recorder.recorder import Recorder
+from strap_rover.flight_recorder.recorder_settings import RecorderSettings
 from strap_rover.ros_shell.health import Health, HealthLevel
 from strap_rover.ros_shell.node_shell import NodeShell
 from strap_rover.ros_shell.process import run_node
 
 EXIT_BAG_ERROR = 3
 _SECOND_NS = 10**9
-
-
-@dataclass(frozen=True, slots=True)
-class RecorderSettings:
-    """Where and how to record."""
-
-    directory: str = field(
-        default="", metadata={"doc": "the bag; must not exist or be empty; '' is strap_rover_<UTC date and time> here"}
-    )
-    compression: str = field(default="zstd", metadata={"doc": "of the chunks", "choices": ("zstd", "none")})
-    poll_period_s: float = field(
-        default=0.015, metadata={"doc": "how often waiting messages are taken [s]", "min": 0.001, "max": 0.1}
-    )
-    flush_period_s: float = field(
-        default=0.2, metadata={"doc": "a killed recorder loses no more than this [s]", "min": 0.01, "max": 10.0}
-    )
-    sync_period_s: float = field(
-        default=2.0, metadata={"doc": "a power cut loses no more than this [s]", "min": 0.1, "max": 60.0}
-    )
-    hold_s: float = field(
-        default=0.1, metadata={"doc": "how late a message may come and still be in order [s]", "min": 0.0, "max": 10.0}
-    )
-    queue_depth: int = field(
-        default=DEFAULT_DEPTH,
-        metadata={"doc": "messages a topic may bring between two polls", "min": 10, "max": 100000},
-    )
-    max_file_bytes: int = field(default=0, metadata={"doc": "begin a new file beyond this [B]; 0 never", "min": 0})
-    max_file_duration_s: float = field(default=0.0, metadata={"doc": "the same by time [s]; 0 never", "min": 0.0})
 
 
 class RecorderNode(NodeShell[RecorderSettings]):
