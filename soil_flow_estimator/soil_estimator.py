@@ -23,7 +23,6 @@ from strap_rover.telemetry import Attitude, BodyMotion, Suspension, WheelStates
 from strap_rover.terramechanics.contact import (
     DEFORMABILITY_BOUNDS,
     Wheel,
-    at_deformability_bound,
     deformability_by_linear_rule,
     deformability_from_zone,
 )
@@ -36,6 +35,8 @@ PRIOR_STD = 1.0 / math.sqrt(12.0)
 """Mean and 1-sigma of de and st before anything is known: uniform on [0, 1]."""
 LEAST_DE_STD = 1e-3
 """Floor of the 1-sigma of a static de."""
+STEEPEST_ANGLE = 0.5 * math.pi
+"""No soil is touched [rad] above the axle."""
 LEAST_ZONE = 1e-3
 """A contact zone [rad] narrower than this is no contact."""
 NEUTRAL_ENTRY, NEUTRAL_EXIT = 0.3, -0.05
@@ -137,7 +138,8 @@ class DeformabilityTable:
         self._zone_scale = (self.ZONES - 1) / math.pi
         self._load_scale = (self.LOADS - 1) / (most - least)
         self._nodes = np.concatenate(
-            [_solved_grid(wheel, load).ravel() for wheel, load in zip(wheels, loads, strict=True)]
+            # Six digits: load shares written as 0.1666666667 and 0.1666666666 share one grid.
+            [_solved_grid(wheel, float(f"{load:.6g}")).ravel() for wheel, load in zip(wheels, loads, strict=True)]
         )
         self._first = np.arange(len(wheels), dtype=np.int64) * (self.ZONES * self.LOADS)
 
@@ -259,6 +261,7 @@ class SoilEstimator:
         if abs(motion.speed) > REST_SPEED:
             self._direction = math.copysign(1.0, motion.speed)
         entry, leave = travel_angles(angles.theta_1, angles.theta_2, self._direction)
+        entry, leave = np.minimum(entry, STEEPEST_ANGLE), np.maximum(leave, -STEEPEST_ANGLE)
         has_angles = ((angles.status == _VALID) | (angles.status == _PREDICTED)) & (entry - leave > LEAST_ZONE)
         if not has_angles.all():
             entry, leave = np.where(has_angles, entry, NEUTRAL_ENTRY), np.where(has_angles, leave, NEUTRAL_EXIT)
@@ -390,11 +393,11 @@ class SoilEstimator:
                 log_load + np.array([same, same, same, same - load_std, same + load_std]),
             )
             variance = (0.5 * (high - low)) ** 2 + (0.5 * (light - heavy)) ** 2
-        is_too_soft = de >= DEFORMABILITY_BOUNDS[1]
+        is_too_firm, is_too_soft = de < DEFORMABILITY_BOUNDS[0] + 1e-9, de > DEFORMABILITY_BOUNDS[1] - 1e-9
         variance = np.where(is_too_soft, PRIOR_STD**2, np.maximum(variance, LEAST_DE_STD**2))
         self._de = np.where(ready, de, self._de)
         self._de_variance = np.where(ready, variance, self._de_variance)
-        self._is_at_bound = np.where(ready, at_deformability_bound(de), self._is_at_bound)
+        self._is_at_bound = np.where(ready, is_too_firm | is_too_soft, self._is_at_bound)
         self._is_estimated = self._is_estimated | ready
         self._de_angle = np.where(ready, encoder, self._de_angle)
 

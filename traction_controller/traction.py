@@ -21,6 +21,9 @@ LONGEST_STEP_NS = 100_000_000
 """A tick that comes later than this [ns] ramps as if it had come on time."""
 USABLE_STATUS = (int(ContactStatus.VALID), int(ContactStatus.PREDICTED))
 """Readings whose angles are taken as they are: a predicted one is what the driver knows while the seam is below."""
+FULL_RAISE_SHORTFALL = 0.1
+"""The lower end of the band raises wheel speed in full while the rover is slower than asked by this share or more, and
+not at all at the speed asked for. Raised without that, a six-wheel rover at 48 mm sinkage ran 8 % faster than asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -365,9 +368,9 @@ class TractionController:
         if band.is_empty.any():
             self._empty_band_ticks += 1
         asked = asked_mps / self._radius
-        # The lower end at the speed asked for, not at a higher one: it must not drive the rover ever faster.
-        floor = band.omega_min * (asked_mps / speed) if speed > asked_mps else band.omega_min
-        wanted = np.minimum(np.maximum(asked, floor), band.omega_max)
+        shortfall = (asked_mps - speed) / (FULL_RAISE_SHORTFALL * asked_mps) if asked_mps > 0.0 else 0.0
+        raised = asked + np.maximum(band.omega_min - asked, 0.0) * min(max(shortfall, 0.0), 1.0)
+        wanted = np.minimum(raised, band.omega_max)
         return _Limits(band.omega_min, band.omega_max, wanted, band.omega_max < asked)
 
     def _band(self, speed: float, now_ns: int) -> SpeedBand:

@@ -1,0 +1,227 @@
+import numpy as np
+import pytest
+
+from traction_controller.supervisor import (
+    DRIVING_MODES,
+    TRANSITIONS,
+    Fault,
+    Situation,
+    StallWatch,
+    Supervisor,
+    TractionMode,
+    transition,
+)
+
+STANDBY, DRIVE, LIMIT, STALL, WAIT, RETRY, HALT, FAULT = TractionMode
+
+# What each mode does when exactly one thing is true, besides "clear" and "unlimited". Everything else: it stays.
+EXPECTED = {
+    (STANDBY, "ready"): DRIVE,
+    (DRIVE, "held"): STANDBY,
+    (DRIVE, "faulted"): FAULT,
+    (DRIVE, "stalled"): STALL,
+    (DRIVE, "limited"): LIMIT,
+    (LIMIT, "held"): STANDBY,
+    (LIMIT, "faulted"): FAULT,
+    (LIMIT, "stalled"): STALL,
+    (STALL, "held"): STANDBY,
+    (STALL, "standing"): WAIT,
+    (WAIT, "held"): STANDBY,
+    (WAIT, "waited"): RETRY,
+    (RETRY, "held"): STANDBY,
+    (RETRY, "faulted"): FAULT,
+    (RETRY, "stalled"): STALL,
+    (RETRY, "free"): DRIVE,
+    (FAULT, "held"): STANDBY,
+}
+FLAGS = ("held", "ready", "faulted", "stalled", "standing", "waited", "exhausted", "free", "limited")
+
+
+@pytest.mark.parametrize("mode", list(TractionMode))
+@pytest.mark.parametrize("flag", FLAGS)
+def test_every_mode_under_every_single_condition(mode, flag):
+    row = transition(mode, Situation(**{flag: True}))
+    expected = EXPECTED.get((mode, flag))
+    if expected is None and mode is LIMIT and flag != "limited":
+        expected = DRIVE  # nothing limits any more
+    if expected is None and mode is FAULT and flag != "faulted":
+        expected = DRIVE  # every input is back
+    assert (None if row is None else row.to) == expected
+
+
+@pytest.mark.parametrize(
+    ("mode", "flags", "to"),
+    [
+        (DRIVE, {"held", "faulted", "stalled", "limited"}, STANDBY),
+        (DRIVE, {"faulted", "stalled", "limited"}, FAULT),
+        (LIMIT, {"stalled", "limited"}, STALL),
+        (RETRY, {"stalled", "free"}, STALL),
+        (STALL, {"standing", "exhausted"}, HALT),
+        (FAULT, {"faulted", "held"}, STANDBY),
+    ],
+)
+def test_the_graver_condition_wins(mode, flags, to):
+    row = transition(mode, Situation(**dict.fromkeys(flags, True)))
+    assert row is not None
+    assert row.to is to
+
+
+def test_every_row_can_be_reached_and_says_why():
+    for row in TRANSITIONS:
+        assert row.reason
+        assert hasattr(Situation(), row.condition)
+        assert row.to not in row.modes
+    assert {row.to for row in TRANSITIONS} == set(TractionMode)
+    assert not any(HALT in row.modes for row in TRANSITIONS)
+
+
+def test_only_a_clear_rover_leaves_a_standing_mode_for_a_driving_one():
+    everything_but_clear = Situation(faulted=True, standing=True, free=True, limited=True)
+    for mode in set(TractionMode) - DRIVING_MODES:
+        row = transition(mode, everything_but_clear)
+        assert row is None or row.to not in DRIVING_MODES
+
+
+class Driver:
+    """Feeds a supervisor 0.1 s steps."""
+
+    def __init__(self, **kwargs):
+        self.supervisor = Supervisor(**{"wait_s": 8.0, "retries_max": 3, "free_distance_m": 0.5, **kwargs})
+        self.now_ns = 0
+
+    def step(self, **kwargs):
+        self.now_ns += 100_000_000
+        facts = {
+            "held": False,
+            "asked": True,
+            "fault": Fault.NONE,
+            "stalled": False,
+            "standing": False,
+            "limited": False,
+            "advance_m": 0.0,
+        }
+        return self.supervisor.step(self.now_ns, **{**facts, **kwargs})
+
+    def stall_and_wait(self):
+        self.step(stalled=True)
+        self.step(standing=True)
+        steps = 0
+        while self.supervisor.mode is WAIT:
+            steps += 1
+            assert steps < 1000
+            self.step(standing=True)
+        return steps
+
+
+def test_it_waits_its_time_and_gives_up_after_the_retries():
+    driver = Driver()
+    driver.step()
+    for attempt in (1, 2, 3):
+        assert driver.stall_and_wait() == 80
+        assert driver.supervisor.mode is RETRY
+        assert driver.supervisor.retries == attempt
+    driver.step(stalled=True)
+    assert driver.step(standing=True) is HALT
+    for _ in range(1000):
+        assert driver.step() is HALT
+    driver.supervisor.reset()
+    assert driver.supervisor.retries == 0
+    assert driver.step() is DRIVE
+
+
+def test_no_retries_means_none():
+    driver = Driver(retries_max=0)
+    driver.step()
+    driver.step(stalled=True)
+    assert driver.step(standing=True) is HALT
+
+
+def test_free_drive_gives_the_retries_back():
+    driver = Driver()
+    driver.step()
+    driver.stall_and_wait()
+    for _ in range(4):
+        assert driver.step(advance_m=0.1) is RETRY
+        assert driver.supervisor.retries == 1
+    assert driver.step(advance_m=0.11) is DRIVE
+    assert driver.supervisor.retries == 0
+
+
+def test_way_made_before_the_stall_is_no_free_drive():
+    driver = Driver()
+    driver.step()
+    driver.step(advance_m=10.0)
+    driver.stall_and_wait()
+    assert driver.step(advance_m=0.1) is RETRY
+    assert driver.supervisor.retries == 1
+
+
+def test_a_fault_does_not_shorten_the_wait_nor_forgive_a_retry():
+    driver = Driver()
+    driver.step()
+    driver.stall_and_wait()
+    assert driver.step(fault=Fault.SENSOR_LATE) is FAULT
+    assert driver.step() is DRIVE
+    assert driver.supervisor.retries == 1
+    driver.step(stalled=True)
+    assert driver.step(standing=True, fault=Fault.SENSOR_LATE) is WAIT
+    for _ in range(100):
+        assert driver.step(standing=True, fault=Fault.COMMAND_LATE) is WAIT
+    assert driver.step(standing=True) is RETRY
+
+
+def test_nothing_asked_or_an_input_missing_is_standby():
+    driver = Driver()
+    assert driver.step(asked=False) is STANDBY
+    assert driver.step(fault=Fault.ODOMETRY_LATE) is STANDBY
+    assert driver.step(held=True) is STANDBY
+    assert driver.step() is DRIVE
+
+
+def watch():
+    return StallWatch(np.full(6, 0.25), 0.1, 0.02)
+
+
+def turned(rim_m):
+    return np.full(6, rim_m / 0.25)
+
+
+def test_stall_is_a_tenth_of_a_metre_of_rim_without_two_centimetres_of_way():
+    stall_watch = watch()
+    assert not stall_watch.update(turned(0.0), 0.0)
+    assert not stall_watch.update(turned(0.099), 0.0199)
+    assert stall_watch.update(turned(0.101), 0.0)
+
+
+def test_progress_in_time_is_no_stall_at_any_slip_below_eighty_per_cent():
+    stall_watch = watch()
+    for step in range(1, 500):
+        assert not stall_watch.update(turned(0.005 * step), 0.005 * 0.22)
+    stall_watch = watch()
+    stalls = [stall_watch.update(turned(0.005 * step), 0.005 * 0.15) for step in range(1, 500)]
+    assert any(stalls)
+
+
+def test_one_digging_wheel_is_a_stall():
+    angle = np.zeros(6)
+    stall_watch = watch()
+    stall_watch.update(angle, 0.0)
+    one = angle.copy()
+    one[3] = 0.41
+    assert stall_watch.update(one, 0.0)
+
+
+def test_rolling_back_before_driving_off_is_no_stall_and_rolling_back_while_driving_is():
+    stall_watch = watch()
+    stall_watch.update(turned(0.0), 0.0)
+    assert not stall_watch.update(turned(0.0), -0.05)
+    assert not stall_watch.update(turned(0.09), 0.03)
+    assert not stall_watch.update(turned(0.18), 0.03)
+    assert stall_watch.update(turned(0.30), -0.03)
+
+
+def test_restart_forgets():
+    stall_watch = watch()
+    stall_watch.update(turned(0.0), 0.0)
+    stall_watch.restart()
+    assert not stall_watch.update(turned(5.0), 0.0)
