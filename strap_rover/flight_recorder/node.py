@@ -32,6 +32,10 @@ _SECOND_NS = 10**9
 class RecorderNode(NodeShell[RecorderSettings]):
     """Records from construction to `destroy_node`; BagError when the bag cannot be begun, or later from its timer."""
 
+    # What destroy_node has to close; the base class may call it before there is anything.
+    _tap: Node | None = None
+    _recording: Recorder | None = None
+
     def __init__(self, settings: RecorderSettings | None = None, context: Context | None = None) -> None:
         super().__init__("recorder", RecorderSettings, settings=settings, context=context)
         chosen = self.settings
@@ -58,9 +62,9 @@ class RecorderNode(NodeShell[RecorderSettings]):
                 max_file_duration_ns=round(chosen.max_file_duration_s * _SECOND_NS),
             )
         except BagError:
-            self._tap.destroy_node()
-            super().destroy_node()
+            self.destroy_node()
             raise
+        self._recording = self.recorder
         self._flush_due_s = self._sync_due_s = 0.0
         # Wall time whatever /clock does: a paused simulation must not stop the recorder.
         self.create_timer(chosen.poll_period_s, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -88,15 +92,15 @@ class RecorderNode(NodeShell[RecorderSettings]):
 
     def destroy_node(self) -> None:
         """Take what still waits and close the bag. Raises nothing new when the bag had failed before."""
-        recorder = self.recorder
-        if not recorder.writer.closed:
+        if self._recording is not None and not self._recording.writer.closed:
             try:
-                recorder.drain()
+                self._recording.drain()
             except (RCLError, InvalidHandle):
                 pass  # the context is gone already, and with it what waited in the queues
             finally:
-                recorder.close()
-        self._tap.destroy_node()
+                self._recording.close()
+        if self._tap is not None:
+            self._tap.destroy_node()
         super().destroy_node()
 
 

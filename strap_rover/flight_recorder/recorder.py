@@ -100,6 +100,14 @@ class Recorder:
         subscription = self._node.create_subscription(message_type, row.name, _refuse, profile, raw=True)
         return _Tap(row.name, full_name, subscription, message_type, self.losses.topic(full_name))
 
+    def publisher_counts(self) -> dict[str, int]:
+        """Publishers each subscription has found, by topic name of the contract.
+
+        Discovery is not symmetric: a publisher may know of a subscription that drops its messages because it does
+        not yet know the publisher. Who wants the first message recorded waits for both sides.
+        """
+        return {tap.row_name: int(tap.subscription.get_publisher_count()) for tap in self._taps}
+
     def drain(self, log_time_ns: int | None = None) -> int:
         """Take everything that waits, topic by topic in contract order, into the bag; how many messages.
 
