@@ -8,6 +8,10 @@ ament_python package cannot generate them): stamped named scalars travel as sens
 from dataclasses import dataclass
 from enum import Enum
 
+import numpy as np
+
+from strap_rover.arrays import FloatArray
+
 
 class Delivery(Enum):
     """The four qualities of service the graph uses."""
@@ -232,3 +236,14 @@ def scalar_names(row: Topic, wheels: tuple[str, ...]) -> tuple[str, ...]:
     """The `name` array of a JointState topic: wheel by wheel, then the whole-rover quantities."""
     per_wheel = tuple(f"{wheel}/{quantity.name}" for wheel in wheels for quantity in row.per_wheel)
     return per_wheel + tuple(quantity.name for quantity in row.whole_rover)
+
+
+def wheel_matrix(row: Topic, record: object) -> FloatArray:
+    """The per-wheel quantities of a record in the contract's order, shape (W, Q): fields are named as quantities."""
+    columns = [getattr(record, quantity.name) for quantity in row.per_wheel]
+    return np.stack(columns, axis=1).astype(np.float64, copy=False)
+
+
+def rover_vector(row: Topic, record: object) -> FloatArray:
+    """The whole-rover quantities of a record in the contract's order, shape (R,)."""
+    return np.array([float(getattr(record, quantity.name)) for quantity in row.whole_rover])

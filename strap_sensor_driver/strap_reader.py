@@ -10,11 +10,12 @@ import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from strap_rover.settings import check_settings
 from strap_rover.telemetry import WheelStates
 from strap_sensor_driver.contact_zone import (
     FIRST_FAULT,
@@ -146,11 +147,7 @@ class StrapReaderSettings:
     clock_window_s: float = field(default=1.0, metadata=_row("window of the device clock's lower envelope", 0.05, 60.0))
 
     def __post_init__(self) -> None:
-        for row in fields(self):
-            value = getattr(self, row.name)
-            low, high = row.metadata.get("min", -math.inf), row.metadata.get("max", math.inf)
-            if not low <= value <= high:
-                raise ValueError(f"StrapReaderSettings.{row.name} = {value}: must lie in [{low}, {high}]")
+        check_settings(self)
         period_us = 1e6 / self.rate_hz
         if not scan_duration_us(self.osr) < period_us:
             raise ValueError(

@@ -1,0 +1,1 @@
+"""Case studies: many runs of one question, as a table."""

@@ -1,0 +1,26 @@
+"""`SoilState` <-> the JointState it travels in, bit for bit."""
+
+import numpy as np
+from sensor_msgs.msg import JointState
+
+from soil_flow_estimator.soil_state import SoilState
+from strap_rover.ros_shell.named_values import NamedValues
+from strap_rover.topics import SOIL_STATE, wheel_matrix
+
+
+class SoilMessages:
+    """Converter for one rover's wheels."""
+
+    def __init__(self, wheels: tuple[str, ...]) -> None:
+        self._values = NamedValues(SOIL_STATE, wheels)
+
+    def soil_state_message(self, state: SoilState) -> JointState:
+        """The message of a record."""
+        return self._values.to_message(state.stamp_ns, wheel_matrix(SOIL_STATE, state))
+
+    def soil_state(self, message: JointState) -> SoilState:
+        """The record in a message; MessageError where names or lengths differ from the contract."""
+        stamp_ns, per_wheel, _ = self._values.from_message(message)
+        columns = list(per_wheel.T)
+        status = columns.pop().astype(np.int64)
+        return SoilState(stamp_ns, *columns, status=status)  # type: ignore[misc]  # as many as the contract has
