@@ -51,12 +51,13 @@ class DeviceClock:
     def scan_middle_ns(self, t_us: int, host_ns: int, scan_us: int, transfer_us: int) -> int:
         """Host time [ns] of the middle of the scan that device time `t_us` (u32) started and `host_ns` received.
 
-        Strictly increasing. Learns anew by itself when host time steps back, after a minute of silence, and when the
-        offset jumps by more than a second (a restart nobody saw). Raises nothing.
+        Strictly increasing. Learns anew by itself after a minute of silence, when the offset jumps by more than a
+        second (a restart nobody saw), and when host time steps back by as much, the only step back of the answers.
+        Raises nothing.
         """
         envelope = self._envelope
         since_ns = host_ns - self._last_host_ns
-        if envelope and not 0 <= since_ns <= _LONGEST_GAP_NS:
+        if envelope and not -_JUMP_NS <= since_ns <= _LONGEST_GAP_NS:
             self.reset()
             if since_ns < 0:
                 self._last_out_ns = None
