@@ -29,8 +29,8 @@ def message_class(type_name: str) -> type[Any]:
     """
     package, _, name = type_name.partition("/msg/")
     try:
-        found: type[Any] = getattr(import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError, ValueError) as error:
+        found: type[Any] = getattr(import_module(f"{package or 'nowhere'}.msg"), name)
+    except (ImportError, AttributeError) as error:
         message = f"no message type {type_name!r}: {error}; give package/msg/Name of an installed package"
         raise ValueError(message) from error
     return found

@@ -1,0 +1,242 @@
+from dataclasses import dataclass, field
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import TwistStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from strap_rover.ros_shell.health import Health, HealthLevel
+from strap_rover.ros_shell.node_shell import NodeShell
+from strap_rover.settings import SettingsError
+from strap_rover.topics import CMD_VEL, DIAGNOSTICS, SOIL_STATE, WHEEL_COMMANDS
+
+pytestmark = pytest.mark.ros
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    rate_hz: float = field(default=5.0, metadata={"doc": "rate", "min": 1.0, "max": 9.0, "tunable": True})
+    count: int = field(default=3, metadata={"min": 0})
+    names: tuple[str, ...] = ("a",)
+    gains: tuple[float, ...] = (1.0,)
+
+
+class ProbeNode(NodeShell[Probe]):
+    changes = 0
+
+    def __init__(self, name="probe", **keywords):
+        super().__init__(name, Probe, **keywords)
+
+    def settings_changed(self):
+        self.changes += 1
+
+
+@pytest.fixture
+def context_with(domain_id):
+    """Contexts whose process was given these ROS arguments."""
+    contexts = []
+
+    def make(*arguments):
+        context = rclpy.Context()
+        rclpy.init(args=["probe", "--ros-args", *arguments], context=context, domain_id=domain_id)
+        contexts.append(context)
+        return context
+
+    yield make
+    for context in contexts:
+        context.try_shutdown()
+
+
+@pytest.fixture
+def lockstep(ros_context):
+    """Nodes that run by drain() only."""
+    nodes = []
+
+    def make(name):
+        nodes.append(ProbeNode(name, settings=Probe(), context=ros_context, self_ticking=False))
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.destroy_node()
+
+
+def test_defaults_are_declared(context_with):
+    node = ProbeNode(context=context_with())
+    assert node.settings == Probe()
+    assert node.get_parameter("rate_hz").value == 5.0
+    assert node.describe_parameter("count").read_only
+    assert not node.describe_parameter("rate_hz").read_only
+
+
+def test_parameters_of_the_process_arrive(context_with):
+    node = ProbeNode(
+        context=context_with("-p", "rate_hz:=7.5", "-p", "names:=[p, q]", "-p", "gains:=[]", "-p", "use_sim_time:=true")
+    )
+    assert node.settings == Probe(rate_hz=7.5, names=("p", "q"), gains=())
+    assert list(node.get_parameter("names").value) == ["p", "q"]
+
+
+def test_an_int_for_a_double_is_accepted(context_with):
+    node = ProbeNode(context=context_with("-p", "rate_hz:=7", "-p", "gains:=[1, 2]"))
+    assert node.settings == Probe(rate_hz=7.0, gains=(1.0, 2.0))
+    assert node.get_parameter("rate_hz").type_ is Parameter.Type.DOUBLE
+
+
+def test_every_bad_parameter_is_in_one_error_unknown_ones_too(context_with):
+    context = context_with("-p", "rate_hz:=10.0", "-p", "count:=1.5", "-p", "cuont:=1", "-p", "names:=3")
+    with pytest.raises(SettingsError) as caught:
+        ProbeNode(context=context)
+    assert len(caught.value.problems) == 4
+    assert all(problem.startswith("parameters of probe: ") for problem in caught.value.problems)
+    assert "cuont: unknown key (value 1); did you mean 'count'?" in str(caught.value)
+
+
+def test_parameters_of_another_node_are_none_of_its_business(context_with, tmp_path):
+    path = tmp_path / "p.yaml"
+    path.write_text(
+        "probe:\n  ros__parameters: {rate_hz: 2.0}\nother:\n  ros__parameters: {what: 1}\n", encoding="utf-8"
+    )
+    assert ProbeNode(context=context_with("--params-file", str(path))).settings.rate_hz == 2.0
+
+
+def test_settings_handed_in_shut_out_the_process(context_with):
+    context = context_with("-p", "rate_hz:=7.0", "-p", "nonsense:=1", "-r", "__node:=renamed")
+    node = ProbeNode(settings=Probe(rate_hz=3.0), context=context)
+    assert node.settings.rate_hz == 3.0
+    assert node.get_parameter("rate_hz").value == 3.0
+    assert node.get_name() == "probe"
+
+
+def test_a_tunable_parameter_changes_the_settings(context_with):
+    node = ProbeNode(context=context_with())
+    assert node.set_parameters([Parameter("rate_hz", value=2.0)])[0].successful
+    assert (node.settings.rate_hz, node.changes) == (2.0, 1)
+
+
+@pytest.mark.parametrize("bad", [Parameter("rate_hz", value=99.0), Parameter("count", value=4)])
+def test_out_of_range_and_read_only_are_refused(context_with, bad):
+    node = ProbeNode(context=context_with())
+    assert not node.set_parameters([bad])[0].successful
+    assert (node.settings, node.changes) == (Probe(), 0)
+
+
+def test_a_parameter_that_is_no_setting_changes_nothing(context_with):
+    node = ProbeNode(context=context_with())
+    assert node.set_parameters([Parameter("use_sim_time", value=False)])[0].successful
+    assert node.changes == 0
+
+
+def twist(number):
+    message = TwistStamped()
+    message.header.stamp.nanosec = number
+    return message
+
+
+def test_drain_delivers_every_message_once_in_order_and_counts(lockstep, wait_until):
+    sender, receiver = lockstep("sender"), lockstep("receiver")
+    seen = []
+    receiver.listen(CMD_VEL, lambda message: seen.append(message.header.stamp.nanosec))
+    publisher = sender.announce(CMD_VEL)
+    wait_until(lambda: sender.count_subscribers(CMD_VEL.name) == 1)
+    wait_until(lambda: receiver.count_publishers(CMD_VEL.name) == 1)
+    taken = 0
+    for start in range(0, 1000, 5):
+        for number in range(start, start + 5):
+            publisher.send(twist(number))
+        while receiver.received[CMD_VEL.name] < sender.published[CMD_VEL.name]:
+            taken += receiver.drain()
+    assert seen == list(range(1000))
+    assert taken == sender.published[CMD_VEL.name] == receiver.received[CMD_VEL.name] == 1000
+    assert receiver.drain() == 0
+
+
+def test_drain_takes_topics_in_the_order_they_were_listened_to(lockstep, wait_until):
+    sender, receiver = lockstep("sender"), lockstep("receiver")
+    order = []
+    for row in (SOIL_STATE, WHEEL_COMMANDS, CMD_VEL):
+        receiver.listen(row, lambda _, name=row.name: order.append(name))
+    publishers = {row.name: sender.announce(row) for row in (CMD_VEL, WHEEL_COMMANDS, SOIL_STATE)}
+    wait_until(lambda: all(sender.count_subscribers(name) for name in publishers))
+    messages = {CMD_VEL.name: TwistStamped(), WHEEL_COMMANDS.name: Float64MultiArray(), SOIL_STATE.name: JointState()}
+    listened = [SOIL_STATE.name, WHEEL_COMMANDS.name, CMD_VEL.name]
+    whole_drains = 0
+    for _ in range(20):
+        order.clear()
+        for _ in range(2):
+            for name, publisher in publishers.items():
+                publisher.send(messages[name])
+        if receiver.drain() == 6:
+            assert order == [name for name in listened for _ in range(2)]
+            whole_drains += 1
+        else:  # some came late: they count for nothing
+            wait_until(lambda: len(order) == 6, receiver.drain)
+    assert whole_drains > 0
+
+
+def test_an_executor_runs_the_same_callbacks_and_counts(context_with, wait_until):
+    context = context_with()
+    node = ProbeNode(context=context)
+    seen = []
+    node.listen(CMD_VEL, lambda message: seen.append(message.header.stamp.nanosec))
+    publisher = node.announce(CMD_VEL)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    for number in range(5):
+        publisher.send(twist(number))
+    wait_until(lambda: len(seen) == 5, lambda: executor.spin_once(timeout_sec=0.1))
+    assert seen == list(range(5))
+    assert node.received[CMD_VEL.name] == 5
+    executor.shutdown()
+
+
+def test_lockstep_time_is_what_the_runner_sets(lockstep):
+    node = lockstep("probe")
+    assert node.now_ns() == 0
+    node.set_time(1_234_567_890)
+    assert node.now_ns() == 1_234_567_890
+    with pytest.raises(ValueError, match="do not decrease"):
+        node.set_time(1_234_567_889)
+
+
+def test_a_live_node_goes_by_its_own_clock(context_with):
+    node = ProbeNode(context=context_with())
+    before = node.now_ns()
+    assert node.now_ns() >= before > 1_600_000_000 * 10**9
+    with pytest.raises(ValueError, match="self_ticking=False"):
+        node.set_time(1)
+
+
+def test_simulated_time_stands_still_until_a_clock_comes(context_with):
+    node = ProbeNode(context=context_with(), use_sim_time=True)
+    assert node.get_parameter("use_sim_time").value is True
+    assert node.now_ns() == 0
+
+
+def test_health_is_published_when_the_runner_asks(lockstep, wait_until):
+    node, listener = lockstep("probe"), lockstep("listener")
+    seen = []
+    listener.listen(DIAGNOSTICS, seen.append)
+    wait_until(lambda: node.count_subscribers(DIAGNOSTICS.name) == 1)
+    node.set_time(3_000_000_000)
+    node.publish_health([Health("link", HealthLevel.WARN, "slow; check the cable", {"late": 2})])
+    wait_until(lambda: seen, listener.drain)
+    assert seen[0].header.stamp.sec == 3
+    assert seen[0].status[0].name == "probe: link"
+    assert seen[0].status[0].level == DiagnosticStatus.WARN
+    node.report_health()
+    wait_until(lambda: len(seen) == 2, listener.drain)
+    assert [(item.key, item.value) for item in seen[1].status[0].values] == [("published /diagnostics", "1")]
+
+
+def test_health_is_published_by_itself_when_live(context_with, wait_until):
+    context = context_with()
+    node = ProbeNode(context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    wait_until(lambda: node.published[DIAGNOSTICS.name] >= 1, lambda: executor.spin_once(timeout_sec=0.2))
+    executor.shutdown()
