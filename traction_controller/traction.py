@@ -276,8 +276,8 @@ class TractionController:
         limits = self._policy(asked_mps, speed, now_ns)
         mode = self._supervise(now_ns, fault, bool(limits.limited.any()))
 
-        may_turn = mode in DRIVING_MODES and fault is Fault.NONE
-        self._command = self._ramped(now_ns, self._direction * limits.wanted if may_turn else self._zeros)
+        target = self._direction * limits.wanted if mode in DRIVING_MODES else self._zeros
+        self._command = self._ramped(now_ns, target)
         return TractionOutput(
             WheelCommands(now_ns, self._command),
             TractionState(

@@ -278,6 +278,7 @@ def test_slip_at_rest_is_zero_and_unknown():
     state = Bench().run(0.1)
     assert (state.slip == 0.0).all()
     assert (state.slip_std == 1.0).all()
+    assert (state.slip_max == 0.45).all()  # a symmetric contact has no s_max
 
 
 def test_soil_flow_of_a_known_soil():
