@@ -11,6 +11,7 @@ from rclpy.parameter import Parameter
 
 from strap_rover import topics
 from strap_rover.ros_shell.health import Health, HealthLevel, health_message
+from strap_rover.ros_shell.named_values import MessageError
 from strap_rover.ros_shell.parameters import declarations, plain_values
 from strap_rover.ros_shell.qos import message_class, qos_profile
 from strap_rover.settings import Settings, SettingsError, field_types, settings_as_mapping, settings_from_mapping
@@ -26,6 +27,7 @@ class Announcement:
 
     def __init__(self, topic: Topic, publisher: Any, published: Counter[str]) -> None:
         self.topic = topic
+        self.subscription_count: Callable[[], int] = publisher.get_subscription_count
         self._publish: Callable[[Any], None] = publisher.publish
         self._published = published
 
@@ -69,8 +71,13 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
         """Messages handed to callbacks, by topic name of the contract."""
         self.published: Counter[str] = Counter()
         """Messages sent, by topic name of the contract."""
+        self.refused: Counter[str] = Counter()
+        """Messages received that break the contract, by topic name; they are left out and reported in diagnostics."""
+        self._refusals: dict[str, str] = {}
+        self._announced: list[Announcement] = []
         self._lockstep_now_ns = 0
         self._listened: list[tuple[Any, type[Any], Callable[[Any], None]]] = []
+        self._listened_topics: list[tuple[str, Any]] = []
         try:
             self.settings: SettingsT = self._overridden(settings_type) if settings is None else settings
         except SettingsError:
@@ -89,16 +96,36 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
 
         def count_and_call(message: Any) -> None:
             received[name] += 1
-            callback(message)
+            try:
+                callback(message)
+            except MessageError as error:
+                self.refused[name] += 1
+                self._refusals[name] = str(error)
 
         message_type = message_class(topic.type_name)
         subscription = self.create_subscription(message_type, topic.name, count_and_call, qos_profile(topic.delivery))
         self._listened.append((subscription.handle, message_type, count_and_call))
+        self._listened_topics.append((topic.name, subscription))
 
     def announce(self, topic: Topic) -> Announcement:
         """A publisher for `topic`; its messages are counted in `published`."""
         publisher = self.create_publisher(message_class(topic.type_name), topic.name, qos_profile(topic.delivery))
-        return Announcement(topic, publisher, self.published)
+        announcement = Announcement(topic, publisher, self.published)
+        self._announced.append(announcement)
+        return announcement
+
+    @property
+    def listened_topics(self) -> tuple[str, ...]:
+        """Names of the topics listened to, in the order of `listen`."""
+        return tuple(name for name, _ in self._listened_topics)
+
+    def publisher_counts(self) -> dict[str, int]:
+        """How many publishers each topic listened to has found."""
+        return {name: subscription.get_publisher_count() for name, subscription in self._listened_topics}
+
+    def subscription_counts(self) -> dict[str, int]:
+        """How many subscriptions each announced topic has found."""
+        return {announcement.topic.name: announcement.subscription_count() for announcement in self._announced}
 
     def drain(self) -> int:
         """Take every waiting message and call its callback, topic by topic in the order of `listen`; how many.
@@ -141,8 +168,12 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
         return [Health("node", HealthLevel.OK, "running", counts)]
 
     def report_health(self) -> None:
-        """Publish `health()`; once per second, by timer when live, by the runner in lockstep."""
-        self.publish_health(self.health())
+        """Publish `health()` and what was refused; once per second, by timer when live, by the runner in lockstep."""
+        refusals = [
+            Health(f"topic {name}", HealthLevel.ERROR, self._refusals[name], {"refused": count})
+            for name, count in self.refused.items()
+        ]
+        self.publish_health([*self.health(), *refusals])
 
     def publish_health(self, parts: Iterable[tuple[str, HealthLevel, str, Mapping[str, object]]]) -> None:
         """Publish (name, level, message with the remedy, values) of each part on /diagnostics."""

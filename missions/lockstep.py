@@ -1,0 +1,266 @@
+"""A whole run through the real nodes in one process, on simulated time, as fast as it goes, into a bag.
+
+Every period the world moves, then each node ticks, in one fixed order; between two of them a barrier counts that every
+message published was received by every node that listens to it. So nothing depends on timing, and the same seed gives
+the same messages in the same order on every topic.
+"""
+
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import rclpy
+from rclpy.context import Context
+
+import strap_rover
+from missions.plan import CYCLE_NS, ESTIMATOR_NS, HEALTH_NS, REQUEST_NS, RunPlan
+from sim_bridge.node import SimBridge
+from sim_bridge.world import board_links
+from soil_flow_estimator.node import SoilFlowEstimator
+from strap_rover import topics
+from strap_rover.flight_recorder.recorder import Recorder
+from strap_rover.ros_shell.node_shell import NodeShell
+from strap_rover.ros_shell.telemetry_messages import speed_request_message
+from strap_rover.telemetry import SpeedRequest
+from strap_sensor_driver.node import StrapSensorDriver
+from traction_controller.node import TractionControllerNode
+
+BARRIER_TIMEOUT_S = 10.0
+"""Wall time after which a message counts as lost; delivery within a process takes microseconds."""
+SETTINGS_KEY = "settings"
+"""Key in the bag's custom_data under which the settings of every node stand, as JSON."""
+
+
+class LockstepError(RuntimeError):
+    """A message that was published did not arrive, or the graph never came together; names topic, node and counts."""
+
+
+class Operator(NodeShell[Any]):
+    """Whoever asks the rover to drive."""
+
+    def __init__(self, plan: RunPlan, context: Context) -> None:
+        super().__init__("operator", type(plan.world), settings=plan.world, context=context, self_ticking=False)
+        self._speed = plan.scenario.speed_mps
+        self._request = self.announce(topics.CMD_VEL)
+
+    def tick(self) -> None:
+        """Ask for the scenario's speed."""
+        self._request.send(speed_request_message(SpeedRequest(self.now_ns(), self._speed)))
+
+
+class LockstepGraph:
+    """The five nodes and the recorder of one run, in a context of their own; a context manager.
+
+    The context keeps to this process (no discovery beyond it), so that a simulated run never commands a real rover.
+    """
+
+    def __init__(self, plan: RunPlan, bag: Path | None) -> None:
+        self.plan = plan
+        self.now_ns = 0
+        with _own_process_only():
+            self._context = Context()
+            rclpy.init(args=[], context=self._context)
+        self._nodes: list[NodeShell[Any]] = []
+        self._recorder_node: Any = None
+        self.recorder: Recorder | None = None
+        try:
+            self._build(bag)
+            self._await_matches()
+        except BaseException:
+            self.close()
+            raise
+
+    def _build(self, bag: Path | None) -> None:
+        plan, context = self.plan, self._context
+        if bag is not None:  # first: it must hear every topic from its first message on
+            self._recorder_node = rclpy.create_node(
+                "recorder", context=context, start_parameter_services=False, enable_rosout=False
+            )
+            self.recorder = Recorder.open(self._recorder_node, bag, custom_data=_custom_data(plan))
+        links = board_links(plan.rover, plan.world)
+        drivers = {board: ends[0] for board, ends in links.items()}
+        boards = {board: ends[1] for board, ends in links.items()}
+        live = {"context": context, "self_ticking": False}
+        self.operator = Operator(plan, context)
+        self._nodes.append(self.operator)
+        self.world = SimBridge(boards, scenario=plan.scenario, settings=plan.world, **live)
+        self._nodes.append(self.world)
+        self.driver = StrapSensorDriver(drivers, settings=plan.driver, **live)
+        self._nodes.append(self.driver)
+        self.estimator = SoilFlowEstimator(settings=plan.estimator, **live)
+        self._nodes.append(self.estimator)
+        self.controller = TractionControllerNode(settings=plan.controller, **live)
+        self._nodes.append(self.controller)
+        self._listeners = [(node, name) for node in self._nodes for name in node.listened_topics]
+
+    def step(self) -> None:
+        """One control period."""
+        self.now_ns = now_ns = self.now_ns + CYCLE_NS
+        for node in self._nodes:
+            node.set_time(now_ns)
+        if (now_ns - CYCLE_NS) % REQUEST_NS == 0:
+            self.operator.tick()
+        self.world.tick()
+        self._barrier()
+        self.driver.tick()
+        self._barrier()
+        if now_ns % ESTIMATOR_NS == 0:
+            self.estimator.tick()
+            self._barrier()
+        self.controller.tick()
+        if now_ns % HEALTH_NS == 0:
+            for node in self._nodes:
+                node.report_health()
+        self._barrier()
+        if self.recorder is not None:
+            self._record(self.recorder)
+
+    def published(self) -> Counter[str]:
+        """Messages sent so far, by topic."""
+        total: Counter[str] = Counter()
+        for node in self._nodes:
+            total.update(node.published)
+        return total
+
+    def close(self) -> None:
+        """Close the bag and leave ROS; safe to call twice."""
+        try:
+            if self.recorder is not None:
+                self.recorder.close()
+        finally:
+            for node in self._nodes:
+                node.destroy_node()
+            if self._recorder_node is not None:
+                self._recorder_node.destroy_node()
+                self._recorder_node = None
+            self._nodes = []
+            self._context.try_shutdown()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _barrier(self) -> None:
+        """Deliver until every listener has had every message."""
+        for node in self._nodes:
+            node.drain()
+        missing = self._undelivered()
+        deadline = time.monotonic() + BARRIER_TIMEOUT_S
+        while missing:
+            if time.monotonic() > deadline:
+                raise LockstepError("messages did not arrive: " + "; ".join(missing))
+            for node in self._nodes:
+                node.drain()
+            missing = self._undelivered()
+
+    def _undelivered(self) -> list[str]:
+        sent = self._sent()
+        return [
+            f"{name} to {node.get_name()}: {node.received[name]} of {sent[name]}"
+            for node, name in self._listeners
+            if node.received[name] != sent[name]
+        ]
+
+    def _sent(self) -> dict[str, int]:
+        """Each topic but /diagnostics has one publisher."""
+        sent: dict[str, int] = {name: 0 for _, name in self._listeners}
+        for node in self._nodes:
+            sent.update((name, count) for name, count in node.published.items() if count)
+        return sent
+
+    def _record(self, recorder: Recorder) -> None:
+        recorder.drain(self.now_ns)
+        deadline = time.monotonic() + BARRIER_TIMEOUT_S
+        while recorder.received != (sent := {name: self._published_on(name) for name in recorder.received}):
+            if time.monotonic() > deadline:
+                raise LockstepError(f"the recorder missed messages: received {recorder.received}, published {sent}")
+            recorder.drain(self.now_ns)
+
+    def _published_on(self, name: str) -> int:
+        return sum(node.published[name] for node in self._nodes)
+
+    def _await_matches(self) -> None:
+        """Wait until publishers and subscriptions of the graph all know each other: discovery goes both ways."""
+        deadline = time.monotonic() + BARRIER_TIMEOUT_S
+        while waiting := self._unmatched():
+            if time.monotonic() > deadline:
+                raise LockstepError("the graph did not come together: " + "; ".join(waiting))
+            time.sleep(0.002)
+
+    def _unmatched(self) -> list[str]:
+        readers = Counter(name for _, name in self._listeners)
+        writers = Counter(name for node in self._nodes for name in node.subscription_counts())
+        heard: dict[str, dict[str, int]] = {node.get_name(): node.publisher_counts() for node in self._nodes}
+        if self.recorder is not None:
+            readers.update(self.recorder.received.keys())
+            heard["recorder"] = self.recorder.publisher_counts()
+        found = [
+            (f"{node.get_name()} announces {name}", count, readers[name])
+            for node in self._nodes
+            for name, count in node.subscription_counts().items()
+        ]
+        found += [
+            (f"{listener} listens to {name}", count, writers[name])
+            for listener, counts in heard.items()
+            for name, count in counts.items()
+        ]
+        return [f"{who}: {count} of {wanted} found" for who, count, wanted in found if count < wanted]
+
+
+@contextmanager
+def _own_process_only() -> Iterator[None]:
+    """DDS discovery switched off while a context is made: endpoints of one process still find each other."""
+    key = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+    before = os.environ.get(key)
+    os.environ[key] = "OFF"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[key]
+        else:
+            os.environ[key] = before
+
+
+def _custom_data(plan: RunPlan) -> dict[str, str]:
+    """What a reader of the bag needs to know of the run; nothing that differs between two equal runs."""
+    return {
+        "strap_rover_version": strap_rover.__version__,
+        "scenario": plan.scenario.name,
+        "rover": plan.rover.name,
+        "seed": str(plan.seed),
+        SETTINGS_KEY: json.dumps(plan.settings(), sort_keys=True),
+    }
+
+
+def run_lockstep(
+    plan: RunPlan,
+    bag: Path | None,
+    progress: Callable[[int], None] | None = None,
+) -> int:
+    """Run the whole plan into a bag (or none); returns the cycles done.
+
+    Ctrl-C ends the run early: the bag is closed with what is done. Raises LockstepError when a message was lost and
+    BagError when the bag cannot be written (then with what was saved).
+    """
+    done = 0
+    with LockstepGraph(plan, bag) as graph:
+        try:
+            for _ in range(plan.cycles):
+                graph.step()
+                done += 1
+                if progress is not None and done % 10 == 0:
+                    progress(done)
+        except KeyboardInterrupt:
+            return done
+    return done
