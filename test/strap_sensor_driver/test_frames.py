@@ -229,6 +229,15 @@ def test_what_was_accepted_is_accepted_again():
     assert len(_accepted(first)) == 10
 
 
+def test_after_more_than_a_minute_nothing_is_taken_for_granted():
+    """The sequence may have wrapped meanwhile: how many frames were lost is not known."""
+    stream = encode_data(_data(0)) + encode_data(_data(14_000)) + encode_data(_data(14_001))
+    _, counters = _events(stream)
+    assert (counters.data, counters.lost, counters.implausible, counters.restart) == (3, 0, 1, 1)
+    _, counters = _events(encode_data(_data(0)) + encode_data(_data(11_000)))
+    assert (counters.data, counters.lost, counters.restart) == (2, 10_999, 0)
+
+
 def test_a_periodic_hello_is_no_restart():
     stream = b"".join(encode_data(_data(seq)) for seq in range(5))
     for t_us in (20_000, 25_000):  # stamped with the last scan's tick, or the next one's

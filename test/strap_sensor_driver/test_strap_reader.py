@@ -19,7 +19,7 @@ from strap_sensor_driver.frames import (
 )
 from strap_sensor_driver.mounting import StrapMounting
 from strap_sensor_driver.strap import Strap
-from strap_sensor_driver.strap_reader import StrapReader, StrapReaderSettings, WheelBinding
+from strap_sensor_driver.strap_reader import StrapReader, StrapReaderSettings, WheelBinding, _Encoder
 
 SETTINGS = StrapReaderSettings()
 TICK_NS = 10_000_000
@@ -392,6 +392,79 @@ def test_a_seam_that_lasts_too_long_is_a_short():
     assert set(statuses[first:]) == {ContactStatus.FAULT_SHORT}
 
 
+def test_an_input_that_copies_its_neighbour_is_found_where_it_looks_valid():
+    """With V_B = V_A the zone looks sound for beta_1 from a quarter to half a turn."""
+    rig = Rig(speed=2.0)
+    rig.until_valid()
+    low, high = (float(v) for v in rig.strap.terminal_voltages([2.0, 1.8], [2.0, 1.8])[0])
+    while not low < rig.step().voltages.v_a[0] < high:
+        pass
+    rig.damage = _pinned(1, lambda sums: sums[0])
+    statuses = _statuses(rig.run(40), 0)
+    assert next(status for status in statuses if status.is_fault) is ContactStatus.FAULT_FLOATING
+
+
+def test_a_fault_that_turns_into_another_is_renamed():
+    rig = Rig(speed=0.5)
+    rig.until_valid()
+    rig.damage = _pinned(0, lambda _sums: 0)
+    assert _statuses(rig.run(3), 0)[-1] is ContactStatus.FAULT_OPEN_A
+    rig.damage = _pinned(1, lambda _sums: 0)
+    assert _statuses(rig.run(3), 0)[-1] is ContactStatus.FAULT_OPEN_B
+    assert rig.reader.health().wheels[0].faults == 1
+
+
+def test_a_contradiction_is_over_only_after_half_a_radian_without_one():
+    rig = Rig(speed=0.5)
+    rig.until_valid()
+    rig.damage = lambda board, sums: [1600, 1600, *sums[2:]] if board == 0 else sums
+    assert _statuses(rig.run(3), 0)[-1] is ContactStatus.FAULT_ORDER
+    rig.damage = lambda _board, sums: sums
+    statuses = _statuses(rig.run(120), 0)
+    assert set(statuses[:98]) == {ContactStatus.FAULT_ORDER}
+    assert ContactStatus.FAULT_ORDER not in statuses[103:]
+
+
+def test_what_an_end_did_while_nobody_looked_is_not_held_against_it():
+    """A whole turn while the board was silent: the same volts as before, and no fault."""
+    rig = Rig(speed=0.2)
+    rig.until_valid()
+    rig.mute = {0}
+    rig.run(15)
+    rig.position += 2.0 * math.pi
+    rig.run(15)
+    rig.mute = set()
+    rig.run(30)
+    assert [wheel.faults for wheel in rig.reader.health().wheels[:3]] == [0, 0, 0]
+
+
+def test_a_wheel_in_the_air_stays_there_when_a_scan_is_missing():
+    rig = Rig()
+    rig.until_valid()
+    rig.contact = False
+    rig.run(3)
+    rig.mute = {1}
+    assert _statuses(rig.run(3), 5) == [ContactStatus.NO_CONTACT] * 3
+
+
+def test_positions_are_not_made_up_across_a_gap_of_the_encoder():
+    encoder = _Encoder(1, 30_000_000)
+    for stamp_ns, angle in ((0, 1.0), (50_000_000, 1.1), (250_000_000, 3.0)):
+        encoder.add(WheelStates(stamp_ns, np.array([angle]), np.array([2.0]), np.zeros(1)))
+    assert encoder.at(25_000_000) == [pytest.approx(1.05)]
+    assert encoder.at(70_000_000) == [pytest.approx(1.14)]
+    assert encoder.at(150_000_000) is None
+    assert encoder.at(230_000_000) == [pytest.approx(2.96)]
+    assert encoder.at(280_000_000) == [pytest.approx(3.06)]
+    assert encoder.at(281_000_000) is None
+    assert encoder.at(-30_000_000) == [pytest.approx(0.94)]
+    assert encoder.at(-31_000_000) is None
+    for index in range(1000):
+        encoder.add(WheelStates(10**9 + index, np.zeros(1), np.zeros(1), np.zeros(1)))
+    assert len(encoder._stamps) <= 64
+    assert encoder.at(10**9 + 998) == [0.0]
+
+
 def test_a_standing_wheel_is_never_stuck():
     rig = Rig()
     rig.until_valid()
@@ -475,6 +548,23 @@ def test_a_board_that_restarts_goes_on_without_a_wrong_angle():
     health = rig.reader.health().boards
     assert [board.frames.restart for board in health] == [1, 0]
     assert [board.clock_resets for board in health] == [1, 0]
+
+
+def test_a_restart_whose_hello_was_lost_waits_for_the_next_one():
+    rig = Rig()
+    rig.until_valid()
+    rig.hello = False
+    rig.boards[0].restart()
+    rig.boot_us[0] = rig.now_ns // 1000
+    before = rig.reader.health().boards[0].scans
+    rig.run(30)
+    health = rig.reader.health().boards[0]
+    assert health.hello is None
+    assert health.scans <= before + 1
+    assert [request.board_index for request in rig.requests] == [0]
+    rig.hello = True
+    rig.boards[0].feed(b"?")
+    assert rig.until_valid() is not None
 
 
 def test_a_reopened_link_is_a_new_start():
