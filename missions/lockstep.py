@@ -125,7 +125,8 @@ class LockstepGraph:
         """Messages sent so far, by topic."""
         total: Counter[str] = Counter()
         for node in self._nodes:
-            total.update(node.published)
+            for name, count in node.published.items():
+                total[name] += count
         return total
 
     def close(self) -> None:
@@ -152,42 +153,27 @@ class LockstepGraph:
 
     def _barrier(self) -> None:
         """Deliver until every listener has had every message."""
-        for node in self._nodes:
-            node.drain()
-        missing = self._undelivered()
-        deadline = time.monotonic() + BARRIER_TIMEOUT_S
-        while missing:
-            if time.monotonic() > deadline:
+        sent = self.published()
+        deadline = 0.0
+        while not all(node.drain_until(sent) for node in self._nodes):
+            now = time.monotonic()
+            deadline = deadline or now + BARRIER_TIMEOUT_S
+            if now > deadline:
+                missing = [
+                    f"{name} to {node.get_name()}: {node.received[name]} of {sent[name]}"
+                    for node, name in self._listeners
+                    if node.received[name] != sent[name]
+                ]
                 raise LockstepError("messages did not arrive: " + "; ".join(missing))
-            for node in self._nodes:
-                node.drain()
-            missing = self._undelivered()
-
-    def _undelivered(self) -> list[str]:
-        sent = self._sent()
-        return [
-            f"{name} to {node.get_name()}: {node.received[name]} of {sent[name]}"
-            for node, name in self._listeners
-            if node.received[name] != sent[name]
-        ]
-
-    def _sent(self) -> dict[str, int]:
-        """Each topic but /diagnostics has one publisher."""
-        sent: dict[str, int] = {name: 0 for _, name in self._listeners}
-        for node in self._nodes:
-            sent.update((name, count) for name, count in node.published.items() if count)
-        return sent
 
     def _record(self, recorder: Recorder) -> None:
         recorder.drain(self.now_ns)
+        sent = self.published()
         deadline = time.monotonic() + BARRIER_TIMEOUT_S
-        while recorder.received != (sent := {name: self._published_on(name) for name in recorder.received}):
+        while missing := {name: count for name, count in recorder.received.items() if count != sent[name]}:
             if time.monotonic() > deadline:
-                raise LockstepError(f"the recorder missed messages: received {recorder.received}, published {sent}")
+                raise LockstepError(f"the recorder received {missing} of { ({name: sent[name] for name in missing}) }")
             recorder.drain(self.now_ns)
-
-    def _published_on(self, name: str) -> int:
-        return sum(node.published[name] for node in self._nodes)
 
     def _await_matches(self) -> None:
         """Wait until publishers and subscriptions of the graph all know each other: discovery goes both ways."""

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.context import Context
@@ -35,6 +35,16 @@ class Announcement:
         """Publish `message`."""
         self._publish(message)
         self._published[self.topic.name] += 1
+
+
+class _Listened(NamedTuple):
+    """One subscription; its handle is kept beside it, since the property behind it is slow."""
+
+    topic_name: str
+    subscription: Any
+    handle: Any
+    message_type: type[Any]
+    callback: Callable[[Any], None]
 
 
 class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no types
@@ -76,8 +86,7 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
         self._refusals: dict[str, str] = {}
         self._announced: list[Announcement] = []
         self._lockstep_now_ns = 0
-        self._listened: list[tuple[Any, type[Any], Callable[[Any], None]]] = []
-        self._listened_topics: list[tuple[str, Any]] = []
+        self._listened: list[_Listened] = []
         try:
             self.settings: SettingsT = self._overridden(settings_type) if settings is None else settings
         except SettingsError:
@@ -104,8 +113,7 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
 
         message_type = message_class(topic.type_name)
         subscription = self.create_subscription(message_type, topic.name, count_and_call, qos_profile(topic.delivery))
-        self._listened.append((subscription.handle, message_type, count_and_call))
-        self._listened_topics.append((topic.name, subscription))
+        self._listened.append(_Listened(topic.name, subscription, subscription.handle, message_type, count_and_call))
 
     def announce(self, topic: Topic) -> Announcement:
         """A publisher for `topic`; its messages are counted in `published`."""
@@ -117,11 +125,11 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
     @property
     def listened_topics(self) -> tuple[str, ...]:
         """Names of the topics listened to, in the order of `listen`."""
-        return tuple(name for name, _ in self._listened_topics)
+        return tuple(listened.topic_name for listened in self._listened)
 
     def publisher_counts(self) -> dict[str, int]:
         """How many publishers each topic listened to has found."""
-        return {name: subscription.get_publisher_count() for name, subscription in self._listened_topics}
+        return {listened.topic_name: listened.subscription.get_publisher_count() for listened in self._listened}
 
     def subscription_counts(self) -> dict[str, int]:
         """How many subscriptions each announced topic has found."""
@@ -132,15 +140,32 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
 
         For lockstep: not together with an executor that spins this node.
         """
+        return sum(self._take(subscription, None) for subscription in self._listened)
+
+    def drain_until(self, sent: Mapping[str, int]) -> bool:
+        """As `drain`, but take no more than it needs for `received` to reach `sent`, by topic; True once it has.
+
+        Knowing how many messages are due spares the asking for those that are not, which costs as much as a message.
+        """
+        complete = True
+        for subscription in self._listened:
+            due = sent[subscription.topic_name] - self.received[subscription.topic_name]
+            if due > 0 and self._take(subscription, due) < due:
+                complete = False
+        return complete
+
+    @staticmethod
+    def _take(subscription: "_Listened", most: int | None) -> int:
+        """Take and call back, at most `most` messages; how many."""
+        handle, message_type, callback = subscription.handle, subscription.message_type, subscription.callback
         taken = 0
-        for handle, message_type, callback in self._listened:
-            while True:
-                with handle:
-                    taken_message = handle.take_message(message_type, False)
-                if taken_message is None:
-                    break
-                callback(taken_message[0])
-                taken += 1
+        while most is None or taken < most:
+            with handle:
+                taken_message = handle.take_message(message_type, False)
+            if taken_message is None:
+                break
+            callback(taken_message[0])
+            taken += 1
         return taken
 
     def set_time(self, ns: int) -> None:
