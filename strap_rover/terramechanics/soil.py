@@ -61,7 +61,7 @@ def _check(
     array = np.asarray(value, dtype=np.float64)
     good = np.isfinite(array) & ((array > least) if strict else (array >= least)) & (array < below)
     if not good.all():
-        bad = array[~good].flat[0] if array.ndim else float(array)
+        bad = float(array[~good][0])
         bounds = f"{'>' if strict else '>='} {least:g}" + (f" and < {below:g}" if math.isfinite(below) else "")
         raise ValueError(f"{name} must be finite and {bounds}, got {bad!r}")
 
@@ -142,8 +142,9 @@ def soil_from_de_st(
     softness = np.asarray(de, dtype=np.float64)
     stick = np.asarray(st, dtype=np.float64)
     for name, value in (("de", softness), ("st", stick)):
-        if not np.all((value >= 0.0) & (value <= 1.0)):
-            raise ValueError(f"{name} must lie in [0, 1], got {value!r}")
+        good = (value >= 0.0) & (value <= 1.0)
+        if not good.all():
+            raise ValueError(f"{name} must lie in [0, 1], got {float(value[~good][0])!r}")
     return Soil(
         n=_plain(1.1 * softness + 0.6),
         k_c=_plain((-220.0 * softness**0.2 + 220.06) * 1e3),
