@@ -1,0 +1,111 @@
+"""`strap_rover demo`: one run through the whole graph, into a folder with bag, summary and picture."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from missions.lockstep import run_lockstep
+from missions.picture import draw_run
+from missions.plan import CYCLE_NS, NS, RunPlan
+from missions.run_log import run_log_from_bag
+from missions.summary import RunSummary, summarize, write_summary
+
+BAG: Final = "bag"
+SUMMARY: Final = "summary.json"
+PICTURE: Final = "run.png"
+
+
+class OutputFolderError(ValueError):
+    """The folder asked for cannot take a run; names it and says what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class DemoResult:
+    """Where everything is, and what came of it."""
+
+    folder: Path
+    summary: RunSummary
+    complete: bool
+    """False when the run was stopped early."""
+
+
+def output_folder(asked: Path | None, stem: str) -> Path:
+    """The empty folder a run writes to: the one asked for, or the next free `out/<stem>-NNN`.
+
+    Raises OutputFolderError when it is not empty or cannot be made.
+    """
+    if asked is None:
+        root = Path("out")
+        number = 1
+        while (root / f"{stem}-{number:03d}").exists():
+            number += 1
+        asked = root / f"{stem}-{number:03d}"
+    try:
+        asked.mkdir(parents=True, exist_ok=True)
+        occupied = any(asked.iterdir())
+    except OSError as error:
+        raise OutputFolderError(f"{asked}: {error.strerror or error}; give another folder with --out") from error
+    if occupied:
+        raise OutputFolderError(f"{asked}: is not empty; give an empty or new folder with --out")
+    return asked
+
+
+def run_demo(plan: RunPlan, folder: Path, console: Console) -> DemoResult:
+    """Run `plan` in lockstep through all nodes into `folder`; Ctrl-C keeps what is done.
+
+    Raises BagError when the bag cannot be written, LockstepError when a message was lost.
+    """
+    console.print(
+        f"[bold]{plan.scenario.name}[/]: {plan.scenario.meaning}\n"
+        f"controller {plan.controller.policy}, seed {plan.seed}, {plan.duration_s:g} s simulated"
+    )
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} s"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    ) as progress:
+        task = progress.add_task("all nodes, recording", total=plan.duration_s)
+        done = run_lockstep(plan, folder / BAG, lambda cycles: progress.update(task, completed=cycles * CYCLE_NS / NS))
+        progress.update(task, description="reading the bag back, drawing")
+        log = run_log_from_bag(folder / BAG, plan.rover.wheel_names)
+        summary = summarize(plan, log)
+        write_summary(summary, folder / SUMMARY)
+        draw_run(log, summary, folder / PICTURE)
+    return DemoResult(folder, summary, complete=done == plan.cycles)
+
+
+def print_result(result: DemoResult, console: Console) -> None:
+    """A short account for a person."""
+    summary = result.summary
+    table = Table(show_header=False, box=None, padding=(0, 2))
+    stopped = "" if result.complete else " (stopped early)"
+    table.add_row("outcome", f"[bold]{summary.outcome}[/]{stopped}")
+    table.add_row("distance", f"{summary.distance_m:.1f} m in {summary.duration_s:.1f} s")
+    table.add_row("final speed", f"{summary.final_speed_mps:.2f} m/s")
+    table.add_row("deepest sinkage", f"{summary.largest_sinkage_mm:.0f} mm")
+    table.add_row("widest contact zone", f"{summary.largest_zone_deg:.0f} deg")
+    table.add_row("largest slip", f"{summary.largest_slip:.2f}")
+    table.add_row("stalls, retries", f"{summary.stalls}, {summary.retries}")
+    table.add_row("contact angles", _angles_in_words(summary))
+    if summary.faults:
+        table.add_row("faults", ", ".join(summary.faults))
+    for event in summary.events:
+        table.add_row("", f"{event.time_s:6.1f} s  {event.what}")
+    table.add_row("bag", str(result.folder / BAG))
+    table.add_row("picture", str(result.folder / PICTURE))
+    table.add_row("summary", str(result.folder / SUMMARY))
+    console.print(table)
+
+
+def _angles_in_words(summary: RunSummary) -> str:
+    return (
+        f"rms error {summary.angle_error_rms_deg:.2f} deg, {100 * summary.predicted_share:.0f} % predicted over the "
+        f"strap's seam, {100 * summary.faulty_share:.1f} % faulty"
+    )

@@ -1,0 +1,233 @@
+"""What came of a run, in numbers and in words, from its log."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+
+from missions.plan import RunPlan
+from missions.run_log import RunLog
+from strap_rover import topics
+from strap_rover.arrays import FloatArray
+from strap_sensor_driver.contact_zone import ContactStatus
+from traction_controller.supervisor import Fault, TractionMode
+
+BURIED_ZONE_DEG = 80.0
+"""Contact zone beyond which a wheel that no longer moves counts as buried."""
+MOVING_MPS = 0.02
+"""Mean speed over the last two seconds below which the rover counts as standing."""
+CLEAR_M = 1.0
+"""How far beyond the snag's x the rover must come to count as having driven off."""
+
+
+class Outcome(Enum):
+    """How a run ended."""
+
+    DROVE_OFF = "drove off"
+    """Held back by the snag, and on its way again."""
+    PASSED = "passed"
+    """Still driving, and nothing held it."""
+    BURIED = "buried"
+    """Stands, with a wheel in contact over more than 80 deg."""
+    STUCK = "stuck"
+    """Stands though asked to drive."""
+    HALTED = "halted"
+    """The supervisor gave up, or waits for a fault to go: the rover stands on purpose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened."""
+
+    time_s: float
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunSummary:
+    """A run in numbers; unit suffixes in the names. Two runs with equal plans have equal summaries."""
+
+    scenario: str
+    controller: str
+    seed: int
+    duration_s: float
+    facts: Mapping[str, float]
+    """What the scenario drew."""
+    outcome: str
+    distance_m: float
+    final_speed_mps: float
+    """Mean over the last two seconds."""
+    largest_sinkage_mm: float
+    final_sinkage_mm: float
+    largest_zone_deg: float
+    largest_slip: float
+    """After the first two seconds: a standing start is full slip."""
+    stalls: int
+    retries: int
+    """Most attempts used between two free drives."""
+    mode_at_end: str
+    faults: tuple[str, ...]
+    wheel_work_j: float
+    """Work of the motors on the wheels."""
+    load_work_j: float
+    """Work of the rover against snag and drawbar load."""
+    angle_error_rms_deg: float
+    """theta_1 and theta_2 as measured against the true ones, valid readings, after the first second."""
+    predicted_share: float
+    """Readings bridged over the seam of the strap."""
+    faulty_share: float
+    static_de: tuple[float, ...]
+    """Deformability per wheel as first estimated; NaN-free: -1 where it never was."""
+    events: tuple[Event, ...]
+
+    def to_json(self) -> str:
+        """As JSON text, sorted and indented."""
+        return json.dumps(asdict(self), indent=2, sort_keys=True, allow_nan=False) + "\n"
+
+
+def summarize(plan: RunPlan, log: RunLog) -> RunSummary:
+    """The summary of a run; ValueError when the log holds no ground truth to judge by."""
+    time_s = log.time_s(topics.GROUND_TRUTH)
+    if time_s.size == 0:
+        raise ValueError("the run is too short to be summed up: no ground truth was recorded; run at least 0.1 s")
+    x = log.of_rover(topics.GROUND_TRUTH, "x")
+    speed = log.of_rover(topics.GROUND_TRUTH, "speed")
+    load = log.of_rover(topics.GROUND_TRUTH, "external_load")
+    sinkage = log.of_wheels(topics.GROUND_TRUTH, "sinkage").max(axis=1)
+    zone = _true_zone_deg(log).max(axis=1)
+    slip = log.of_wheels(topics.GROUND_TRUTH, "slip")
+    settled = time_s >= min(2.0, time_s[-1])
+    final_speed = float(speed[time_s >= time_s[-1] - 2.0].mean())
+    modes = log.of_rover(topics.TRACTION_STATE, "state").astype(int)
+    mode_at_end = TractionMode(int(modes[-1])) if modes.size else TractionMode.STANDBY
+    retries = log.of_rover(topics.TRACTION_STATE, "retries")
+    faults = np.unique(log.of_rover(topics.TRACTION_STATE, "fault").astype(int))
+    status = log.of_wheels(topics.CONTACT_ANGLES, "status").astype(int)
+    snag_x = float(x[np.argmax(load > load[0])]) if (load > load[0]).any() else None
+    outcome = _outcome(final_speed, float(zone.max()), mode_at_end, float(x[-1]), snag_x)
+    return RunSummary(
+        scenario=plan.scenario.name,
+        controller=plan.controller.policy,
+        seed=plan.seed,
+        duration_s=round(float(time_s[-1]), 6),
+        facts=dict(plan.scenario.build(plan.rover, _terrain_rng(plan)).facts),
+        outcome=outcome.value,
+        distance_m=_rounded(x[-1] - x[0]),
+        final_speed_mps=_rounded(final_speed),
+        largest_sinkage_mm=_rounded(1e3 * sinkage.max()),
+        final_sinkage_mm=_rounded(1e3 * sinkage[-1]),
+        largest_zone_deg=_rounded(zone.max()),
+        largest_slip=_rounded(slip[settled].max()),
+        stalls=int(np.count_nonzero(np.diff(modes) * (modes[1:] == TractionMode.STALL))) if modes.size else 0,
+        retries=int(retries.max()) if retries.size else 0,
+        mode_at_end=mode_at_end.name,
+        faults=tuple(Fault(int(code)).name for code in faults if code),
+        wheel_work_j=_rounded(_wheel_work(log, time_s)),
+        load_work_j=_rounded(_integral(load, x)),
+        angle_error_rms_deg=_rounded(_angle_error_deg(log, time_s, status)),
+        predicted_share=_rounded(np.mean(status == ContactStatus.PREDICTED) if status.size else 0.0),
+        faulty_share=_rounded(np.mean(status >= ContactStatus.FAULT_OPEN_A) if status.size else 0.0),
+        static_de=_static_de(log),
+        events=run_events(log),
+    )
+
+
+def run_events(log: RunLog) -> tuple[Event, ...]:
+    """Snag, mode changes and faults, in order of time. Switching between DRIVE and LIMIT is left out."""
+    events: list[Event] = []
+    time_s = log.time_s(topics.GROUND_TRUTH)
+    load = log.of_rover(topics.GROUND_TRUTH, "external_load")
+    for index in np.flatnonzero(np.diff(load)) + 1:
+        what = f"snag of {load[index]:.0f} N catches" if load[index] > load[index - 1] else "snag lets go"
+        events.append(Event(_rounded(time_s[index]), what))
+    time_s = log.time_s(topics.TRACTION_STATE)
+    modes = log.of_rover(topics.TRACTION_STATE, "state").astype(int)
+    driving = {TractionMode.DRIVE, TractionMode.LIMIT}
+    for index in np.flatnonzero(np.diff(modes)) + 1:
+        before, after = TractionMode(int(modes[index - 1])), TractionMode(int(modes[index]))
+        if not {before, after} <= driving:
+            events.append(Event(_rounded(time_s[index]), after.name))
+    faults = log.of_rover(topics.TRACTION_STATE, "fault").astype(int)
+    events += [
+        Event(_rounded(time_s[index]), f"fault {Fault(int(faults[index])).name}")
+        for index in np.flatnonzero(np.diff(faults)) + 1
+        if faults[index]
+    ]
+    return tuple(sorted(events, key=lambda event: event.time_s))
+
+
+def write_summary(summary: RunSummary, path: Path) -> None:
+    """Write `summary.json`."""
+    path.write_text(summary.to_json(), encoding="utf-8")
+
+
+def _terrain_rng(plan: RunPlan) -> np.random.Generator:
+    """The generator the world drew its site from."""
+    ground, *_ = np.random.SeedSequence(plan.seed).spawn(2 + len(plan.rover.boards))
+    return np.random.default_rng(ground)
+
+
+def _outcome(
+    final_speed: float, largest_zone_deg: float, mode: TractionMode, x: float, snag_x: float | None
+) -> Outcome:
+    if final_speed < MOVING_MPS:
+        if mode in {TractionMode.HALT, TractionMode.FAULT}:
+            return Outcome.HALTED
+        return Outcome.BURIED if largest_zone_deg > BURIED_ZONE_DEG else Outcome.STUCK
+    if snag_x is None:
+        return Outcome.PASSED
+    return Outcome.DROVE_OFF if x > snag_x + CLEAR_M else Outcome.STUCK
+
+
+def _true_zone_deg(log: RunLog) -> FloatArray:
+    theta_1 = log.of_wheels(topics.GROUND_TRUTH, "theta_1")
+    theta_2 = log.of_wheels(topics.GROUND_TRUTH, "theta_2")
+    return np.asarray(np.degrees(theta_1 - theta_2))
+
+
+def _wheel_work(log: RunLog, time_s: FloatArray) -> float:
+    """Integral of true torque times commanded wheel speed [J]: the motors follow their commands within 0.1 s."""
+    torque = log.of_wheels(topics.GROUND_TRUTH, "torque")
+    stamps = log.time_s(topics.TRACTION_COMMANDS)
+    commands = log.commands()
+    omega = np.stack([np.interp(time_s, stamps, commands[:, wheel]) for wheel in range(commands.shape[1])], axis=1)
+    return _integral((torque * omega).sum(axis=1), time_s)
+
+
+def _integral(values: FloatArray, over: FloatArray) -> float:
+    """Trapezoidal rule (numpy has it under different names in 1.26 and 2.x)."""
+    return float(np.sum(0.5 * (values[1:] + values[:-1]) * np.diff(over)))
+
+
+def _angle_error_deg(
+    log: RunLog, truth_s: FloatArray, status: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+) -> float:
+    stamps = log.time_s(topics.CONTACT_ANGLES)
+    good = (status == ContactStatus.VALID) & (stamps > 1.0)[:, None]
+    if not good.any():
+        return 0.0
+    squares = 0.0
+    for quantity in ("theta_1", "theta_2"):
+        measured = log.of_wheels(topics.CONTACT_ANGLES, quantity)
+        truth = log.of_wheels(topics.GROUND_TRUTH, quantity)
+        for wheel in range(measured.shape[1]):
+            error = measured[:, wheel] - np.interp(stamps, truth_s, truth[:, wheel])
+            squares += float((error[good[:, wheel]] ** 2).sum())
+    return math.degrees(math.sqrt(squares / (2.0 * good.sum())))
+
+
+def _static_de(log: RunLog) -> tuple[float, ...]:
+    de = log.of_wheels(topics.SOIL_STATE, "de")
+    status = log.of_wheels(topics.SOIL_STATE, "status")
+    known = status >= 2.0
+    first = [int(np.argmax(known[:, wheel])) if known[:, wheel].any() else -1 for wheel in range(de.shape[1])]
+    return tuple(_rounded(de[row, wheel]) if row >= 0 else -1.0 for wheel, row in enumerate(first))
+
+
+def _rounded(value: float | np.floating) -> float:
+    """Nine significant digits: more than any sensor, fewer than differ between two machines."""
+    return float(f"{float(value):.9g}")
