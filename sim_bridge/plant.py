@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim_bridge import terrain as ground
 from sim_bridge.terrain import Terrain
 from strap_rover.arrays import FloatArray, IntArray
 from strap_rover.rover import RoverDescription
@@ -34,7 +33,6 @@ REAR_LIMIT = 1.2
 # Rows of the per-wheel state, of the per-wheel results, and of the body.
 OMEGA, ANGLE, EXCAVATED, PRESSED, REAR_RATIO, SLIP_RELAXED = range(6)
 THETA_1, THETA_2, SLIP, TRACTION, RESISTANCE, TORQUE, LOAD, SINKAGE = range(8)
-_RADIUS, _WIDTH, _X_OFFSET, _LOAD_SHARE = range(4)
 X, SPEED, SNAG_ELAPSED, EXTERNAL_LOAD, PITCH, ACCELERATION = range(6)
 
 
@@ -124,14 +122,9 @@ class Plant:
             self._grid,
         )
 
-    def ground_height(self, wheel: int) -> float:
-        """Height of the undisturbed surface under a wheel [m]."""
-        x = self.body[X] + self._geometry[_X_OFFSET, wheel]
-        return float(self._field(wheel, x, ground.HEIGHT))
-
-    def _field(self, wheel: int, x: float, column: int) -> float:
-        position = (x - self._grid[0]) / self._grid[1]
-        return float(_ground_field_kernel(self._samples, int(self._tracks[wheel]), position, column))
+    def ground_heights(self) -> FloatArray:
+        """Height of the undisturbed surface under each wheel [m], shape (W,)."""
+        return _heights_kernel(self.body[X], self._geometry, self._tracks, self._samples, self._grid)
 
 
 @compiled
@@ -142,6 +135,16 @@ def _ground_field_kernel(samples: FloatArray, track: int, position: float, colum
     index = min(int(position), last - 1)
     part = position - index
     return float(samples[track, index, column] * (1.0 - part) + samples[track, index + 1, column] * part)
+
+
+@compiled
+def _heights_kernel(
+    x: float, geometry: FloatArray, tracks: IntArray, samples: FloatArray, grid: FloatArray
+) -> FloatArray:
+    heights = np.empty(tracks.size)
+    for i in range(tracks.size):
+        heights[i] = _ground_field_kernel(samples, tracks[i], (x + geometry[2, i] - grid[0]) / grid[1], 1)
+    return heights
 
 
 @compiled

@@ -123,6 +123,7 @@ class World:
         self._truth_ns = self._multiple("truth_rate_hz", self.sensors.truth_rate_hz, self.period_ns)
         self._half_scan_us = scan_duration_us(self.sensors.osr) // 2
         self._axle_span = self._suspension_geometry()
+        self._wheel_x = [wheel.x_m for wheel in rover.wheels]
         self.now_ns = 0
 
     def feed_wheel_commands(self, commands: WheelCommands) -> None:
@@ -180,19 +181,21 @@ class World:
             self.plant.wheels[p.OMEGA] + sensors.wheel_speed_noise_radps * noise[:count],
             self.plant.contact[p.TORQUE] + sensors.torque_noise_nm * noise[count : 2 * count],
         )
-        rest = noise[2 * count :]
+        rest = noise[2 * count :].tolist()
+        heights = self.plant.ground_heights().tolist()
         motion = BodyMotion(
             self.now_ns,
-            float(body[p.X] + sensors.position_noise_m * rest[0]),
+            float(body[p.X]) + sensors.position_noise_m * rest[0],
             0.0,
-            self.plant.ground_height(0),
-            float(body[p.SPEED] + sensors.speed_noise_mps * rest[1]),
+            heights[0],
+            float(body[p.SPEED]) + sensors.speed_noise_mps * rest[1],
             sensors.speed_noise_mps,
         )
-        pitch = float(body[p.PITCH] + sensors.attitude_noise_rad * rest[2])
-        acceleration = float(body[p.ACCELERATION]) + self.rover.gravity_mps2 * math.sin(float(body[p.PITCH]))
+        true_pitch = float(body[p.PITCH])
+        pitch = true_pitch + sensors.attitude_noise_rad * rest[2]
+        acceleration = float(body[p.ACCELERATION]) + self.rover.gravity_mps2 * math.sin(true_pitch)
         attitude = Attitude(self.now_ns, (0.0, -math.sin(0.5 * pitch), 0.0, math.cos(0.5 * pitch)), acceleration)
-        joints = self._suspension_angles(float(body[p.PITCH])) + sensors.joint_noise_rad * rest[3:]
+        joints = self._suspension_angles(true_pitch, heights, rest[3:])
         truth = self.ground_truth() if self.now_ns % self._truth_ns == 0 else None
         return WorldReport(wheel_states, motion, attitude, Suspension(self.now_ns, joints), truth)
 
@@ -252,15 +255,13 @@ class World:
             sides.append((side[0], side[1], side[2]))
         return sides
 
-    def _suspension_angles(self, pitch: float) -> FloatArray:
+    def _suspension_angles(self, pitch: float, heights: list[float], noise: list[float]) -> FloatArray:
         """Rocker and bogie of each side [rad], from the wheels' heights, relative to the body."""
-        angles = np.zeros(len(self.rover.suspension_joints))
-        sinkage = self.plant.contact[p.SINKAGE]
+        angles = [self.sensors.joint_noise_rad * sample for sample in noise]
+        sinkage = self.plant.contact[p.SINKAGE].tolist()
         for side, wheels in enumerate(self._axle_span):
-            (x_1, z_1), (x_2, z_2), (x_3, z_3) = (
-                (self.rover.wheels[i].x_m, self.plant.ground_height(i) - float(sinkage[i])) for i in wheels
-            )
+            (x_1, z_1), (x_2, z_2), (x_3, z_3) = ((self._wheel_x[i], heights[i] - sinkage[i]) for i in wheels)
             pivot_x, pivot_z = 0.5 * (x_2 + x_3), 0.5 * (z_2 + z_3)
-            angles[2 * side] = math.atan2(z_1 - pivot_z, x_1 - pivot_x) - pitch
-            angles[2 * side + 1] = math.atan2(z_2 - z_3, x_2 - x_3) - pitch
-        return angles
+            angles[2 * side] += math.atan2(z_1 - pivot_z, x_1 - pivot_x) - pitch
+            angles[2 * side + 1] += math.atan2(z_2 - z_3, x_2 - x_3) - pitch
+        return np.array(angles)

@@ -115,14 +115,23 @@ class Recorder:
         two runs give the same bag. Without it the log time is when the message was received and the publish time
         when it was sent [ns since the epoch]. BagError when the bag cannot take them.
         """
-        return sum(self._drain_tap(tap, log_time_ns) for tap in self._taps)
+        return sum(self._drain_tap(tap, log_time_ns, None) for tap in self._taps)
 
-    def _drain_tap(self, tap: _Tap, log_time_ns: int | None) -> int:
+    def drain_until(self, sent: Mapping[str, int], log_time_ns: int) -> bool:
+        """As `drain`, but take no more than it needs for `received` to reach `sent`, by topic; True once it has."""
+        complete = True
+        for tap in self._taps:
+            due = sent[tap.row_name] - self.received[tap.row_name]
+            if due > 0 and self._drain_tap(tap, log_time_ns, due) < due:
+                complete = False
+        return complete
+
+    def _drain_tap(self, tap: _Tap, log_time_ns: int | None, most: int | None) -> int:
         handle = tap.subscription.handle
         count = 0
         with handle:
             take: Callable[[type[Any], bool], tuple[bytes, dict[str, int]] | None] = handle.take_message
-            while True:
+            while most is None or count < most:
                 taken = take(tap.message_type, True)
                 if taken is None:
                     break

@@ -370,7 +370,7 @@ def test_each_wheel_stands_on_the_ground_of_its_own_track_and_place() -> None:
     }  # fmt: skip
     for index, wheel in enumerate(rover.wheels):
         expected = terrain.at(terrain.track_of(wheel.y_m), wheel.x_m)[HEIGHT]
-        assert plant.ground_height(index) == pytest.approx(expected, abs=1e-12)
+        assert plant.ground_heights()[index] == pytest.approx(expected, abs=1e-12)
 
 
 # Being held back
