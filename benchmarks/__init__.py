@@ -1,0 +1,1 @@
+"""How fast it is, beside something named: `python -m benchmarks [NAME ...] [--write]`, or `make bench`."""
