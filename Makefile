@@ -46,7 +46,7 @@ golden: $(VENV)/.test  ## write the golden CSVs anew; review the difference befo
 	$(BIN)/python -m pytest test/golden --write-golden
 
 studies: $(VENV)/.core  ## every case study beside the paper's numbers (minutes)
-	$(BIN)/strap_rover study all
+	$(BIN)/strap_rover case_study all
 
 clean:  ## remove environment, builds, output, caches
 	rm -rf $(VENV) build install log out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis \

@@ -25,6 +25,7 @@ _MODE_COLOURS = {
     TractionMode.FAULT: "#b2182b",
 }
 _FLOW_RATIO_RANGE = (0.0, 3.0)
+_MOST_LABELS = 14
 
 
 def draw_run(log: RunLog, summary: RunSummary, path: Path) -> None:
@@ -49,9 +50,11 @@ def draw_run(log: RunLog, summary: RunSummary, path: Path) -> None:
     _per_wheel(axes[2], truth_s, sinkage, log.wheels, "sinkage, true [mm]")
     axes[2].invert_yaxis()
     soil_s = log.time_s(topics.SOIL_STATE)
-    _per_wheel(axes[3], soil_s, log.of_wheels(topics.SOIL_STATE, "slip"), log.wheels, "slip, measured [-]")
+    moving = log.of_wheels(topics.SOIL_STATE, "slip_std") < 1.0
+    slip = np.where(moving, log.of_wheels(topics.SOIL_STATE, "slip"), np.nan)
+    _per_wheel(axes[3], soil_s, slip, log.wheels, "slip, measured [-]")
     axes[3].set_ylim(-0.3, 1.05)
-    ratio = np.clip(log.of_wheels(topics.SOIL_STATE, "vc"), *_FLOW_RATIO_RANGE)
+    ratio = np.where(moving, np.clip(log.of_wheels(topics.SOIL_STATE, "vc"), *_FLOW_RATIO_RANGE), np.nan)
     _per_wheel(axes[4], soil_s, ratio, log.wheels, "flow ratio vc [-]")
     axes[4].axhline(1.0, color="#b2182b", linewidth=0.8, linestyle=":")
     axes[4].set_ylim(*_FLOW_RATIO_RANGE)
@@ -106,16 +109,17 @@ def _modes(axis: Axes, log: RunLog) -> None:
             time_s[start], end, color=_MODE_COLOURS[mode], label=None if mode in shown else mode.name, linewidth=0
         )
         shown.add(mode)
-    axis.legend(loc="center left", ncols=len(shown), fontsize=8, frameon=False)
+    axis.legend(loc="upper left", bbox_to_anchor=(0.0, -0.5), ncols=len(shown), fontsize=8, frameon=False)
 
 
 def _label_events(axis: Axes, summary: RunSummary) -> None:
-    """Names of the events above the first panel, on alternating heights so that neighbours stay readable."""
-    for index, event in enumerate(summary.events[:12]):
+    """Names of the events above the first panel, each on a line of its own so that neighbours stay readable."""
+    shown = summary.events[:_MOST_LABELS]
+    for index, event in enumerate(shown):
         axis.annotate(
             f"{event.time_s:.1f} s {event.what}",
             (event.time_s, 1.0),
-            xytext=(2, 4 + 11 * (index % 4)),
+            xytext=(2, 4 + 11 * (len(shown) - 1 - index)),
             xycoords=("data", "axes fraction"),
             textcoords="offset points",
             fontsize=8,

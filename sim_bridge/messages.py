@@ -13,10 +13,10 @@ class TruthMessages:
     def __init__(self, wheels: tuple[str, ...]) -> None:
         self._values = NamedValues(GROUND_TRUTH, wheels)
 
-    def ground_truth_message(self, truth: GroundTruth) -> JointState:
-        """The message of a record."""
+    def ground_truth_message(self, truth: GroundTruth) -> bytes:
+        """The message of a record, serialized."""
         return self._values.to_message(truth.stamp_ns, truth.per_wheel, truth.whole_rover)
 
-    def ground_truth(self, message: JointState) -> GroundTruth:
+    def ground_truth(self, message: bytes | JointState) -> GroundTruth:
         """The record in a message; MessageError where names or lengths differ from the contract."""
         return GroundTruth(*self._values.from_message(message))

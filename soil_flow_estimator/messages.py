@@ -14,11 +14,11 @@ class SoilMessages:
     def __init__(self, wheels: tuple[str, ...]) -> None:
         self._values = NamedValues(SOIL_STATE, wheels)
 
-    def soil_state_message(self, state: SoilState) -> JointState:
-        """The message of a record."""
+    def soil_state_message(self, state: SoilState) -> bytes:
+        """The message of a record, serialized."""
         return self._values.to_message(state.stamp_ns, wheel_matrix(SOIL_STATE, state))
 
-    def soil_state(self, message: JointState) -> SoilState:
+    def soil_state(self, message: bytes | JointState) -> SoilState:
         """The record in a message; MessageError where names or lengths differ from the contract."""
         stamp_ns, per_wheel, _ = self._values.from_message(message)
         columns = list(per_wheel.T)

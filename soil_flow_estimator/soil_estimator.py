@@ -37,6 +37,8 @@ LEAST_DE_STD = 1e-3
 """Floor of the 1-sigma of a static de."""
 STEEPEST_ANGLE = 0.5 * math.pi
 """No soil is touched [rad] above the axle."""
+REST_SIGMAS = 3.0
+"""Body and rim within this many 1-sigma of 1 mm/s count as standing: slip is then 0 with 1-sigma 1."""
 LEAST_ZONE = 1e-3
 """A contact zone [rad] narrower than this is no contact."""
 NEUTRAL_ENTRY, NEUTRAL_EXIT = 0.3, -0.05
@@ -322,8 +324,9 @@ class SoilEstimator:
             np.where(is_driving, body_std**2 + (ratio * rim_std) ** 2, (ratio * body_std) ** 2 + rim_std**2)
             / np.maximum(faster, REST_SPEED) ** 2
         )
-        at_rest = faster < REST_SPEED
-        return slip, np.where(at_rest, 1.0, np.minimum(np.sqrt(variance), 1.0))
+        # At rest both speeds are noise, and so would be their ratio.
+        at_rest = (speed < REST_SPEED + REST_SIGMAS * body_std) & (rim < REST_SPEED + REST_SIGMAS * rim_std)
+        return np.where(at_rest, 0.0, slip), np.where(at_rest, 1.0, np.minimum(np.sqrt(variance), 1.0))
 
     def _soil_flow(
         self, slip: FloatArray, entry: FloatArray, leave: FloatArray, speed: float

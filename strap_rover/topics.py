@@ -52,7 +52,7 @@ class Topic:
     """False: the topic exists only in some runs (simulation, or a live graph)."""
 
 
-_JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINT_STATE = "sensor_msgs/msg/JointState"
 
 CLOCK = Topic(
     "/clock", "rosgraph_msgs/msg/Clock", Delivery.SENSOR, 100.0, "sim_bridge", "simulated time", always_present=False
@@ -67,7 +67,7 @@ STRAP_RAW = Topic(
 )
 STRAP_VOLTAGES = Topic(
     "strap/voltages",
-    _JOINT_STATE,
+    JOINT_STATE,
     Delivery.SENSOR,
     100.0,
     "strap_sensor_driver",
@@ -79,7 +79,7 @@ STRAP_VOLTAGES = Topic(
 )
 CONTACT_ANGLES = Topic(
     "strap/contact_angles",
-    _JOINT_STATE,
+    JOINT_STATE,
     Delivery.SENSOR,
     100.0,
     "strap_sensor_driver",
@@ -94,7 +94,7 @@ CONTACT_ANGLES = Topic(
 )
 WHEEL_STATES = Topic(
     "wheel_states",
-    _JOINT_STATE,
+    JOINT_STATE,
     Delivery.SENSOR,
     100.0,
     "rover or sim_bridge",
@@ -104,7 +104,7 @@ ODOM = Topic("odom", "nav_msgs/msg/Odometry", Delivery.SENSOR, 100.0, "rover or 
 IMU = Topic("imu", "sensor_msgs/msg/Imu", Delivery.SENSOR, 100.0, "rover or sim_bridge", "pitch, roll, acceleration")
 SUSPENSION = Topic(
     "suspension",
-    _JOINT_STATE,
+    JOINT_STATE,
     Delivery.SENSOR,
     100.0,
     "rover or sim_bridge",
@@ -112,7 +112,7 @@ SUSPENSION = Topic(
 )
 SOIL_STATE = Topic(
     "soil_state",
-    _JOINT_STATE,
+    JOINT_STATE,
     Delivery.RELIABLE,
     50.0,
     "soil_flow_estimator",
@@ -144,7 +144,7 @@ WHEEL_COMMANDS = Topic(
 )
 TRACTION_COMMANDS = Topic(
     "traction/commands",
-    _JOINT_STATE,
+    JOINT_STATE,
     Delivery.RELIABLE,
     100.0,
     "traction_controller",
@@ -152,7 +152,7 @@ TRACTION_COMMANDS = Topic(
 )
 TRACTION_STATE = Topic(
     "traction/state",
-    _JOINT_STATE,
+    JOINT_STATE,
     Delivery.RELIABLE,
     50.0,
     "traction_controller",
@@ -170,7 +170,7 @@ TRACTION_STATE = Topic(
 )
 GROUND_TRUTH = Topic(
     "sim/ground_truth",
-    _JOINT_STATE,
+    JOINT_STATE,
     Delivery.SENSOR,
     50.0,
     "sim_bridge",

@@ -15,13 +15,13 @@ class TractionMessages:
     def __init__(self, wheels: tuple[str, ...]) -> None:
         self._values = NamedValues(TRACTION_STATE, wheels)
 
-    def traction_state_message(self, state: TractionState) -> JointState:
-        """The message of a record."""
+    def traction_state_message(self, state: TractionState) -> bytes:
+        """The message of a record, serialized."""
         return self._values.to_message(
             state.stamp_ns, wheel_matrix(TRACTION_STATE, state), rover_vector(TRACTION_STATE, state)
         )
 
-    def traction_state(self, message: JointState) -> TractionState:
+    def traction_state(self, message: bytes | JointState) -> TractionState:
         """The record in a message; MessageError where names or lengths differ from the contract."""
         stamp_ns, per_wheel, (mode, retries, fault) = self._values.from_message(message)
         omega_min, omega_max, limited = per_wheel.T

@@ -1,14 +1,16 @@
 """Named scalars in a JointState: arrays -> message -> the same arrays, bit for bit."""
 
-from array import array
 from collections.abc import Sequence
 
 import numpy as np
 from sensor_msgs.msg import JointState
 
 from strap_rover.arrays import FloatArray
-from strap_rover.ros_shell.stamps import NS_PER_S
+from strap_rover.ros_shell.joint_state_cdr import JointStateCdr
+from strap_rover.ros_shell.stamps import ns_from_time
 from strap_rover.topics import Topic, scalar_names
+
+_NOTHING = np.empty(0)
 
 
 class MessageError(ValueError):
@@ -30,6 +32,7 @@ class NamedValues:
         self.topic = topic
         self.wheels = wheels
         self._names = list(scalar_names(topic, wheels))
+        self._cdr = JointStateCdr(tuple(self._names))
         self._shape = (len(wheels), len(topic.per_wheel))
         self._wheel_values = len(wheels) * len(topic.per_wheel)
 
@@ -38,12 +41,8 @@ class NamedValues:
         """The `name` array of every message."""
         return tuple(self._names)
 
-    def to_message(
-        self, stamp_ns: int, per_wheel: FloatArray, whole_rover: FloatArray | Sequence[float] = ()
-    ) -> JointState:
-        """Message with `per_wheel`, shape (W, Q), and `whole_rover`, shape (R,), in the units of the contract.
-
-        The message shares its `name` list with every other one from here: do not change it.
+    def to_message(self, stamp_ns: int, per_wheel: FloatArray, whole_rover: FloatArray | Sequence[float] = ()) -> bytes:
+        """Serialized JointState with `per_wheel`, shape (W, Q), and `whole_rover`, shape (R,), in the contract's units.
 
         Raises:
             MessageError: an array has the wrong shape.
@@ -54,36 +53,28 @@ class NamedValues:
                 f"{self.topic.name}: values have shapes {wheel_part.shape} and ({len(whole_rover)},); "
                 f"give {self._shape} and ({len(self.topic.whole_rover)},)"
             )
-        position = array("d", wheel_part.tobytes())
-        if len(whole_rover):
-            position.extend(whole_rover)
-        message = JointState()
-        stamp = message.header.stamp
-        stamp.sec, stamp.nanosec = divmod(stamp_ns, NS_PER_S)
-        message.name = self._names
-        message.position = position
-        return message
+        position = np.concatenate((wheel_part.ravel(), whole_rover)) if len(whole_rover) else wheel_part
+        return self._cdr.encode(stamp_ns, position, _NOTHING, _NOTHING)
 
-    def from_message(self, message: JointState) -> tuple[int, FloatArray, FloatArray]:
-        """Stamp [ns], values per wheel, shape (W, Q), and of the whole rover, shape (R,).
+    def from_message(self, message: bytes | JointState) -> tuple[int, FloatArray, FloatArray]:
+        """Stamp [ns], values per wheel, shape (W, Q), and of the whole rover, shape (R,); serialized or not.
 
         Raises:
             MessageError: names or number of values differ from the contract.
         """
-        if message.name != self._names:
-            raise MessageError(self._name_problem(message.name))
-        values = np.array(message.position, dtype=np.float64)
+        read = self._cdr.read(message)
+        if isinstance(read, tuple):
+            stamp_ns, values, _, _ = read
+        else:
+            if read.name != self._names:
+                raise MessageError(self._name_problem(read.name))
+            stamp_ns, values = ns_from_time(read.header.stamp), np.array(read.position, dtype=np.float64)
         if values.size != len(self._names):
             raise MessageError(
                 f"{self.topic.name}: position has {values.size} values for {len(self._names)} names; "
                 "send one value per name"
             )
-        stamp = message.header.stamp
-        return (
-            stamp.sec * NS_PER_S + stamp.nanosec,
-            values[: self._wheel_values].reshape(self._shape),
-            values[self._wheel_values :],
-        )
+        return stamp_ns, values[: self._wheel_values].reshape(self._shape), values[self._wheel_values :]
 
     def _name_problem(self, names: Sequence[str]) -> str:
         for index, (given, expected) in enumerate(zip(names, self._names, strict=False)):

@@ -15,7 +15,7 @@ from strap_rover.ros_shell.named_values import MessageError
 from strap_rover.ros_shell.parameters import declarations, plain_values
 from strap_rover.ros_shell.qos import message_class, qos_profile
 from strap_rover.settings import Settings, SettingsError, field_types, settings_as_mapping, settings_from_mapping
-from strap_rover.topics import Topic
+from strap_rover.topics import JOINT_STATE, Topic
 
 SettingsT = TypeVar("SettingsT", bound=Settings)
 
@@ -44,6 +44,7 @@ class _Listened(NamedTuple):
     subscription: Any
     handle: Any
     message_type: type[Any]
+    raw: bool
     callback: Callable[[Any], None]
 
 
@@ -100,7 +101,11 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
             self.create_timer(HEALTH_PERIOD_S, self.report_health)
 
     def listen(self, topic: Topic, callback: Callable[[Any], None]) -> None:
-        """Call `callback` with every message of `topic`, counted in `received`."""
+        """Call `callback` with every message of `topic`, counted in `received`.
+
+        A JointState comes serialized, for `NamedValues` or `JointTelemetry` to read; any other type as its object.
+        A MessageError of the callback leaves the message out, counted in `refused` and reported in diagnostics.
+        """
         name, received = topic.name, self.received
 
         def count_and_call(message: Any) -> None:
@@ -112,8 +117,13 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
                 self._refusals[name] = str(error)
 
         message_type = message_class(topic.type_name)
-        subscription = self.create_subscription(message_type, topic.name, count_and_call, qos_profile(topic.delivery))
-        self._listened.append(_Listened(topic.name, subscription, subscription.handle, message_type, count_and_call))
+        raw = topic.type_name == JOINT_STATE
+        subscription = self.create_subscription(
+            message_type, topic.name, count_and_call, qos_profile(topic.delivery), raw=raw
+        )
+        self._listened.append(
+            _Listened(topic.name, subscription, subscription.handle, message_type, raw, count_and_call)
+        )
 
     def announce(self, topic: Topic) -> Announcement:
         """A publisher for `topic`; its messages are counted in `published`."""
@@ -157,11 +167,11 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
     @staticmethod
     def _take(subscription: "_Listened", most: int | None) -> int:
         """Take and call back, at most `most` messages; how many."""
-        handle, message_type, callback = subscription.handle, subscription.message_type, subscription.callback
+        _, _, handle, message_type, raw, callback = subscription
         taken = 0
         while most is None or taken < most:
             with handle:
-                taken_message = handle.take_message(message_type, False)
+                taken_message = handle.take_message(message_type, raw)
             if taken_message is None:
                 break
             callback(taken_message[0])

@@ -10,6 +10,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
 from strap_rover.arrays import FloatArray
+from strap_rover.ros_shell.joint_state_cdr import JointStateCdr
 from strap_rover.ros_shell.named_values import MessageError
 from strap_rover.ros_shell.stamps import ns_from_time, time_from_ns
 from strap_rover.telemetry import Attitude, BodyMotion, SpeedRequest, Suspension, WheelCommands, WheelStates
@@ -17,66 +18,72 @@ from strap_rover.topics import WHEEL_COMMANDS
 
 BODY_FRAME = "base_link"
 WORLD_FRAME = "odom"
+_NOTHING = np.empty(0)
 _SPEED_VARIANCE = 0  # index of (x, x) in a row-major 6 x 6 covariance
 
 
 class JointTelemetry:
-    """JointState of a fixed list of joints: `wheel_states` and `suspension`."""
+    """JointState of a fixed list of joints: `wheel_states`, `suspension` and the stamped copy of `wheel_commands`.
+
+    Messages are made serialized, and read serialized or not.
+    """
 
     def __init__(self, topic: str, joints: tuple[str, ...]) -> None:
         self._topic = topic
         self._joints = list(joints)
+        self._cdr = JointStateCdr(joints)
 
-    def wheel_states_message(self, states: WheelStates) -> JointState:
+    def wheel_states_message(self, states: WheelStates) -> bytes:
         """Position, velocity and effort of the wheels."""
-        message = self._message(states.stamp_ns, states.angle)
-        message.velocity = array("d", states.speed.tobytes())
-        message.effort = array("d", states.torque.tobytes())
-        return message
+        return self._cdr.encode(states.stamp_ns, states.angle, states.speed, states.torque)
 
-    def wheel_states(self, message: JointState) -> WheelStates:
+    def wheel_states(self, message: bytes | JointState) -> WheelStates:
         """The record in a message; MessageError where joints or lengths differ. No effort means zero torque."""
-        self._check(message)
-        effort = message.effort or array("d", bytes(8 * len(self._joints)))
-        columns = [np.array(values, dtype=np.float64) for values in (message.position, message.velocity, effort)]
-        if any(column.size != len(self._joints) for column in columns):
-            sizes = [column.size for column in columns]
-            raise MessageError(f"{self._topic}: {sizes} positions, velocities, efforts for {len(self._joints)} joints")
-        return WheelStates(ns_from_time(message.header.stamp), *columns)
+        stamp_ns, position, velocity, effort = self._columns(message)
+        effort = effort if effort.size else np.zeros(len(self._joints))
+        return WheelStates(
+            stamp_ns,
+            self._whole(position, "positions"),
+            self._whole(velocity, "velocities"),
+            self._whole(effort, "efforts"),
+        )
 
-    def suspension_message(self, suspension: Suspension) -> JointState:
+    def suspension_message(self, suspension: Suspension) -> bytes:
         """Joint angles in position."""
-        return self._message(suspension.stamp_ns, suspension.angle)
+        return self._cdr.encode(suspension.stamp_ns, suspension.angle, _NOTHING, _NOTHING)
 
-    def suspension(self, message: JointState) -> Suspension:
+    def suspension(self, message: bytes | JointState) -> Suspension:
         """The record in a message; MessageError where joints or lengths differ."""
-        self._check(message)
-        angles = np.array(message.position, dtype=np.float64)
-        if angles.size != len(self._joints):
-            raise MessageError(f"{self._topic}: {angles.size} positions for {len(self._joints)} joints")
-        return Suspension(ns_from_time(message.header.stamp), angles)
+        stamp_ns, position, _, _ = self._columns(message)
+        return Suspension(stamp_ns, self._whole(position, "positions"))
 
-    def wheel_commands_message(self, commands: WheelCommands) -> JointState:
+    def wheel_commands_message(self, commands: WheelCommands) -> bytes:
         """Velocities only: the stamped copy of `wheel_commands`."""
-        message = JointState()
-        message.header.stamp = time_from_ns(commands.stamp_ns)
-        message.name = self._joints
-        message.velocity = array("d", commands.speed.tobytes())
-        return message
+        return self._cdr.encode(commands.stamp_ns, _NOTHING, commands.speed, _NOTHING)
 
-    def _message(self, stamp_ns: int, position: FloatArray) -> JointState:
-        message = JointState()
-        message.header.stamp = time_from_ns(stamp_ns)
-        message.name = self._joints
-        message.position = array("d", np.asarray(position, dtype=np.float64).tobytes())
-        return message
+    def wheel_commands(self, message: bytes | JointState) -> WheelCommands:
+        """The record in a stamped copy; MessageError where joints or lengths differ."""
+        stamp_ns, _, velocity, _ = self._columns(message)
+        return WheelCommands(stamp_ns, self._whole(velocity, "velocities"))
 
-    def _check(self, message: JointState) -> None:
-        if message.name != self._joints:
+    def _columns(self, message: bytes | JointState) -> tuple[int, FloatArray, FloatArray, FloatArray]:
+        read = self._cdr.read(message)
+        if isinstance(read, tuple):
+            return read
+        if read.name != self._joints:
             raise MessageError(
-                f"{self._topic}: joints {list(message.name)} are not {self._joints}; "
+                f"{self._topic}: joints {list(read.name)} are not {self._joints}; "
                 "sender and receiver must use the same rover description"
             )
+        position, velocity, effort = (
+            np.array(values, dtype=np.float64) for values in (read.position, read.velocity, read.effort)
+        )
+        return ns_from_time(read.header.stamp), position, velocity, effort
+
+    def _whole(self, values: FloatArray, what: str) -> FloatArray:
+        if values.size != len(self._joints):
+            raise MessageError(f"{self._topic}: {values.size} {what} for {len(self._joints)} joints; send one for each")
+        return values
 
 
 def body_motion_message(motion: BodyMotion) -> Odometry:
