@@ -30,6 +30,14 @@ FAMILY_SEED = 20200503
 """Members are drawn from this; nothing was tuned on them."""
 REFILL_RATES = {"trapping": 0.0, "refilling": 0.2}
 """1/tau_s of the two kinds of soil [1/s]."""
+_COLUMNS = {
+    "controller": "controller",
+    "runs": "runs",
+    **{outcome.value: outcome.value for outcome in Outcome if outcome is not Outcome.PASSED},
+    "sinkage_median_mm": "median mm",
+    "sinkage_p90_mm": "p90 mm",
+}
+"""Keys of a row of `tabulate` and their headings on the terminal."""
 _GIVE_UP_S = 45.0
 """A run ends this long after the snag let go, if the rover has not come clear by then."""
 
@@ -157,11 +165,10 @@ def family_tables(results: Sequence[Result]) -> list[Table]:
     rows = tabulate(results)
     for soil in REFILL_RATES:
         table = Table(title=f"mars_snag family, {soil} sand")
-        chosen = [row for row in rows if row["soil"] == soil]
-        for index, heading in enumerate(chosen[0] if chosen else ()):
-            if heading != "soil":
-                table.add_column(heading, justify="left" if index <= 1 else "right")
-        for row in chosen:
-            table.add_row(*(str(value) for heading, value in row.items() if heading != "soil"))
+        for index, heading in enumerate(_COLUMNS.values()):
+            table.add_column(heading, justify="right" if index else "left")
+        for row in rows:
+            if row["soil"] == soil:
+                table.add_row(*(str(row[key]) for key in _COLUMNS))
         tables.append(table)
     return tables
