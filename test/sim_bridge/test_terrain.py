@@ -96,7 +96,7 @@ def test_height_is_the_integral_of_the_slope_from_x_zero() -> None:
     terrain = build_terrain([(0.0, [Stretch(0.0, FIRM_SAND)])], profile, x_end=30.0)
 
     def rise(x: float) -> float:
-        return quad(lambda u: math.tan(float(profile(np.array(u)))), 0.0, x, points=[4.0, 6.0], limit=200)[0]
+        return float(quad(lambda u: math.tan(float(profile(np.array(u)))), 0.0, x, points=[4.0, 6.0], limit=200)[0])
 
     for x in (3.0, 5.0, 6.0, 20.0):
         assert terrain.at(0, x)[HEIGHT] == pytest.approx(rise(x), abs=1e-4)
@@ -152,9 +152,9 @@ def test_composite_terrain_is_a_mixture_one_can_start_on(seed: int) -> None:
 
 
 def test_composite_terrain_draws_nothing_from_the_global_generator() -> None:
-    before = np.random.get_state()[1].tobytes()  # type: ignore[index,union-attr]  # noqa: NPY002 - it must stay unused
+    before = np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002 - it must stay unused
     composite_terrain(np.random.default_rng(1), [0.0], 20.0)
-    assert np.random.get_state()[1].tobytes() == before  # type: ignore[index,union-attr]  # noqa: NPY002
+    assert np.random.get_state()[1].tobytes() == before  # type: ignore[index]  # noqa: NPY002
 
 
 def samples_with(field: int, value: float) -> FloatArray:

@@ -100,9 +100,9 @@ def test_family_of_scalars_gives_floats_and_of_arrays_gives_arrays() -> None:
 def test_family_refuses_what_is_outside_0_to_1(name: str, value: float) -> None:
     arguments = {"de": 0.5, "st": 0.5, name: value}
     with pytest.raises(ValueError, match=rf"^{name} must lie in \[0, 1\], got {value!r}$"):
-        soil_from_de_st(**arguments)
+        soil_from_de_st(arguments["de"], arguments["st"])
     with pytest.raises(ValueError, match=rf"^{name} must lie in \[0, 1\], got {value!r}$"):
-        soil_from_de_st(**{**arguments, name: np.array([0.1, value])})
+        soil_from_de_st(**{"de": 0.5, "st": 0.5, name: np.array([0.1, value])})  # type: ignore[call-overload]
 
 
 @pytest.mark.parametrize(

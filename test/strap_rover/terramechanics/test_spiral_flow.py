@@ -48,7 +48,7 @@ def angles(row: dict[str, str]) -> tuple[float, float]:
 
 def lobe_boundary(slip: float) -> float:
     """Where the soil parts, x_c: found from the velocity, which changes sign there."""
-    return brentq(lambda x: float(flow_velocity(x, 1.0, 1.0, 1.0, slip)[0]), -0.2, 1.0, xtol=1e-15)
+    return float(brentq(lambda x: float(flow_velocity(x, 1.0, 1.0, 1.0, slip)[0]), -0.2, 1.0, xtol=1e-15))
 
 
 def test_velocity_at_a_known_point(authority: Callable[[str], Rows]) -> None:
@@ -136,9 +136,11 @@ def test_mass_flow_is_the_velocity_integrated_over_each_lobe(entry_deg: float, e
 
     def moved(low: float, high: float) -> float:
         """Velocity over the lobe and over a depth factor that falls linearly to 0 at the end of the bulb."""
-        return dblquad(
-            lambda z, x: float(flow_velocity(x, 1.0 - z / depth, de, speed, slip)[0]), low, high, 0.0, depth
-        )[0]
+
+        def at(z: float, x: float) -> float:
+            return float(flow_velocity(x, 1.0 - z / depth, de, speed, slip)[0])
+
+        return float(dblquad(at, low, high, 0.0, depth)[0])
 
     half_chord = 0.5 * (x_1 - x_2)
     entering, leaving = mass_flow(slip, theta_1, theta_2, de, density, width, speed, load)
@@ -244,7 +246,7 @@ def test_boundary_definition_is_the_ratio_of_velocities_at_the_contact_ends(
 @given(slip=slips, theta_1=entries, theta_2=exits)
 def test_never_nan_nor_negative(slip: float, theta_1: float, theta_2: float) -> None:
     for definition in ("lobe", "boundary"):
-        ratio = float(critical_flow_ratio(slip, theta_1, theta_2, definition))  # type: ignore[arg-type]
+        ratio = float(critical_flow_ratio(slip, theta_1, theta_2, definition))
         assert ratio >= 0.0
     assert np.isfinite(critical_flow_ratio(slip, theta_1, theta_2))
     assert np.isfinite(flow_velocity(math.sin(theta_1), 1.0, 1.0, 1.0, slip)).all()
