@@ -72,7 +72,8 @@ class Strap:
         """Volts the converter sees at ends A and B for contact arcs [beta_1, beta_2] (rad, any one shape).
 
         V_A = V_DD R_A / (R_A + R_str beta_1 / 2 pi), V_B = V_DD R_B / (R_B + R_str (2 pi - beta_2) / 2 pi).
-        Valid for 0 <= beta <= 2 pi; ValueError outside. An arc over the seam is no interval: both ends then read the supply.
+        Valid for 0 <= beta <= 2 pi; ValueError outside. An arc over the seam is no interval: both ends then read the
+        supply.
         """
         first = np.asarray(beta_1, dtype=np.float64)
         second = np.asarray(beta_2, dtype=np.float64)
