@@ -44,12 +44,9 @@ class StrapSensorDriver(NodeShell[StrapDriverParameters]):
         self._reader = StrapReader(bind_wheels(rover, self.settings), self.settings)
         missing = [board for board in self._reader.board_ids if board not in links]
         if missing:
-            raise SettingsError(
-                [
-                    f"strap_sensor_driver: no link to board(s) {missing} of rover {rover.name!r}; this version reads "
-                    "boards through memory only, inside `strap_rover demo`: it has no serial link yet"
-                ]
-            )
+            problem = f"strap_sensor_driver: no link to board(s) {missing} of rover {rover.name!r}"
+            remedy_text = "this version reads boards through memory only, inside `strap_rover demo`, not by serial line"
+            raise SettingsError([f"{problem}; {remedy_text}"])
         self._links = [links[board] for board in self._reader.board_ids]
         self._messages = StrapMessages(rover.wheel_names)
         telemetry = JointTelemetry(topics.WHEEL_STATES.name, rover.wheel_names)
