@@ -19,8 +19,9 @@ DRIVE_SECONDS = 8.0
 def plant() -> Row:
     """The six-wheel terramechanics plant of `mars_snag` in soft sand, 5 ms steps, one Python call per step.
 
-    As the simulated world calls it; no sensors, no ROS, processor time of one thread. Constant wheel commands of 0.5 m/s from 24 m on, for
-    20 simulated seconds: in the soft sand, up the slope, into the snag. The reference is real time.
+    As the simulated world calls it; no sensors, no ROS, processor time of one thread. Constant wheel commands of
+    0.5 m/s from 24 m on, for 20 simulated seconds: in the soft sand, up the slope, into the snag. The reference is real
+    time.
     """
     factors, whole = [], []
     for number in range(ROUNDS + 1):
