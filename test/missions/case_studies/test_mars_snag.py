@@ -1,0 +1,106 @@
+import io
+import json
+from collections.abc import Iterator
+
+import pytest
+from rich.console import Console
+
+from missions.case_studies import mars_snag
+from missions.case_studies.mars_snag import Job, Result, family, run_job, run_study, tabulate
+from missions.plan import CONTROLLERS
+from missions.summary import Outcome
+from sim_bridge.scenarios import REFERENCE_SNAG, SnagCase
+
+
+def result(job: Job, outcome: Outcome = Outcome.DROVE_OFF, sinkage_mm: float = 50.0) -> Result:
+    return Result(job.member, job.soil, job.controller, job.case, outcome.value, 30.0, sinkage_mm, 40.0, 1)
+
+
+def test_the_family_is_the_same_each_time_and_grows_at_its_end():
+    assert family(3) == family(3)
+    assert family(3)[: len(family(2))] == family(2)
+
+
+def test_every_controller_meets_the_same_members():
+    jobs = family(4)
+    assert len(jobs) == 4 * 2 * len(CONTROLLERS)
+    cases: dict[tuple[int, str], set[SnagCase]] = {}
+    for job in jobs:
+        cases.setdefault((job.member, job.soil), set()).add(job.case)
+    assert all(len(met) == 1 for met in cases.values())
+    assert len({case for met in cases.values() for case in met}) == 8
+    for (_, soil), met in cases.items():
+        assert (next(iter(met)).refill_rate > 0.0) == (soil == "refilling")
+    slopes = [case.slope_deg for met in cases.values() for case in met]
+    assert min(slopes) < 9.0 < max(slopes) or len(set(slopes)) == 4
+
+
+def test_the_table_adds_up():
+    jobs = family(3)
+    outcomes = list(Outcome)
+    results = [result(job, outcomes[index % 5], float(index)) for index, job in enumerate(jobs)]
+    table = tabulate(results)
+    assert [(row["soil"], row["controller"]) for row in table] == [
+        (soil, controller) for soil in ("trapping", "refilling") for controller in CONTROLLERS
+    ]
+    for row in table:
+        assert row["runs"] == 3 == sum(row[outcome.value] for outcome in Outcome)
+        chosen = sorted(
+            r.largest_sinkage_mm for r in results if (r.soil, r.controller) == (row["soil"], row["controller"])
+        )
+        assert row["sinkage_median_mm"] == chosen[1]
+        assert chosen[1] < row["sinkage_p90_mm"] < chosen[2]
+
+
+def test_nothing_done_is_an_empty_table():
+    assert tabulate([]) == []
+    assert len(mars_snag.family_tables([])) == 2
+
+
+def test_a_job_ends_when_it_is_decided():
+    job = Job(0, "trapping", "constant", SnagCase(snag_n=300.0, snag_s=0.5, slope_deg=2.0))
+    run = run_job(job)
+    assert run.outcome == Outcome.DROVE_OFF.value
+    assert 31.0 < run.distance_m < 33.0  # clear of the snag, not the whole 120 s
+    assert (run.case, run.controller, run.stalls) == (job.case, "constant", 0)
+
+
+def test_a_study_through_the_process_pool(tmp_path, monkeypatch):
+    """Two short jobs in real worker processes: what goes to them and comes back must survive pickling."""
+    case = SnagCase(snag_n=50.0, snag_s=0.2, slope_deg=0.0)
+    jobs = [Job(0, "trapping", "soil_flow", case), Job(0, "trapping", "constant", case)]
+    monkeypatch.setattr(mars_snag, "family", lambda _: jobs)
+    screen = io.StringIO()
+    assert run_study(tmp_path, 1, Console(file=screen, width=200))
+    runs = json.loads((tmp_path / "runs.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert [run["controller"] for run in runs] == ["soil_flow", "constant"]
+    assert SnagCase(**runs[0]["case"]) == case
+    assert {run["outcome"] for run in runs} == {Outcome.DROVE_OFF.value}
+    table = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert [row["runs"] for row in table] == [1, 1]
+    assert "mars_snag family, trapping sand" in screen.getvalue()
+    assert str(tmp_path / "runs.json") in screen.getvalue()
+
+
+def test_an_interrupted_study_keeps_what_is_done(tmp_path, monkeypatch):
+    def three_then_stop(jobs: list[Job]) -> Iterator[Result]:
+        yield from (result(job) for job in (jobs[5], jobs[0], jobs[9]))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(mars_snag, "_in_parallel", three_then_stop)
+    assert not run_study(tmp_path, 2, Console(file=io.StringIO()))
+    runs = json.loads((tmp_path / "runs.json").read_text(encoding="utf-8"))
+    done = [family(2)[index] for index in (5, 0, 9)]
+    assert {(run["member"], run["soil"], run["controller"]) for run in runs} == {
+        (job.member, job.soil, job.controller) for job in done
+    }
+    table = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert sum(row["runs"] for row in table) == 3
+
+
+def test_the_reference_case_is_inside_the_family():
+    """What is told about one case should hold in the neighbourhood the study covers."""
+    cases = [job.case for job in family(60)]
+    for name in ("de", "st", "excavation_depth_m", "slope_deg", "snag_n", "snag_s"):
+        values = [getattr(case, name) for case in cases]
+        assert min(values) < getattr(REFERENCE_SNAG, name) < max(values), name
