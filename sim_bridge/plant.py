@@ -21,6 +21,7 @@ import numpy as np
 from sim_bridge.terrain import Terrain
 from strap_rover.arrays import FloatArray, IntArray
 from strap_rover.rover import RoverDescription
+from strap_rover.settings import check_settings
 from strap_rover.terramechanics.compiled import compiled
 from strap_rover.terramechanics.contact import peak_angle_kernel, wheel_forces_kernel
 from strap_rover.terramechanics.slip import slip_kernel, transport_ratio_kernel
@@ -60,6 +61,9 @@ class PlantSettings:
         metadata={"doc": "rim travel over which the shear under the wheel follows slip", "min": 0.0, "max": 2},
     )
     drawbar_load_n: float = field(default=0.0, metadata={"doc": "constant horizontal load", "min": 0.0})
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
 
 class Plant:

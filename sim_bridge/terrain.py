@@ -59,7 +59,15 @@ class Ground:
 FIRM_SAND = Ground(MARS_DRY_SAND, excavation_depth=0.01)
 """Mars dry sand (Table I of the source paper) that lets itself be dug 1 cm deep."""
 ROCK = Ground(
-    Soil(n=0.6, k_c=0.0, k_phi=2.0e7, cohesion=3.0e4, friction_angle=math.radians(35.0)), excavation_depth=0.0
+    Soil(
+        n=0.6,
+        k_c=0.0,
+        k_phi=2.0e7,
+        cohesion=3.0e4,
+        friction_angle=math.radians(35.0),
+        shear_deformation_modulus=1e-3,
+    ),
+    excavation_depth=0.0,
 )
 """Stone as a very stiff, undiggable soil: a Curiosity wheel stands on it with a contact of a few degrees."""
 
@@ -88,6 +96,11 @@ class Terrain:
         if self.samples.ndim != 3 or (self.samples.shape[0], self.samples.shape[2]) != expected:
             raise ValueError(
                 f"terrain samples must have shape ({expected[0]}, stations, {expected[1]}), got {self.samples.shape}"
+            )
+        if self.samples.shape[1] < 2 or not math.isfinite(self.x_start):
+            stations = self.samples.shape[1]
+            raise ValueError(
+                f"terrain needs 2 or more stations and a finite x_start, got {stations} and {self.x_start}"
             )
         if not np.isfinite(self.samples).all():
             track, station, field = np.argwhere(~np.isfinite(self.samples))[0]

@@ -113,8 +113,9 @@ def critical_flow_ratio(
     if definition == "boundary":
         shape = _shape(slip)
         u_1, u_2 = np.abs(x_1 - shape.x_c), np.abs(x_2 - shape.x_c)
-        with np.errstate(divide="ignore", over="ignore"):
-            return np.asarray(u_1 / u_2 * np.exp((u_2**2 - u_1**2) / (2.0 * shape.w**2)))
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            ratio = u_1 / u_2 * np.exp((u_2**2 - u_1**2) / (2.0 * shape.w**2))
+            return np.where(u_2 == 0.0, np.inf, ratio)
     raise ValueError(f"definition must be 'lobe' or 'boundary', got {definition!r}")
 
 

@@ -28,12 +28,8 @@ Agrees = Callable[[float, str], bool]
 
 PRINTED = 1e-6
 """Reference forces are given to 1e-6 relative."""
-SMOOTH_QUADRATURE = 5e-5
+QUADRATURE = 5e-5
 """Fixed Gauss nodes against adaptive quadrature, as a share of the contact's whole stress; worst found 2e-5."""
-BENT_QUADRATURE = 3e-3
-"""The same where braking shear changes sign within the contact, theta_1 up to 40 deg; worst found 1.5e-3."""
-SCAN_STEP = 0.14
-"""Steps in ln theta_1 by which a braking wheel's first root is looked for: F_z > W for less may go unseen."""
 CLOSED_FORM = 1e-9
 """Smooth integrands against their antiderivatives."""
 BALANCE = 1e-9
@@ -115,7 +111,7 @@ def check_against_written_law(
 ) -> None:
     law = WrittenLaw(wheel, soil, theta_1, theta_2, slip)
     if share is None:
-        share = BENT_QUADRATURE if law.shear_changes_sign() else SMOOTH_QUADRATURE
+        share = QUADRATURE
     forces = wheel_forces(wheel, soil, theta_1, theta_2, slip)
     tolerance = share * law.stress()
     assert forces.traction == pytest.approx(law.traction(), abs=tolerance)
@@ -205,12 +201,12 @@ def test_driving_forces_are_the_written_law(
     check_against_written_law(wheel, soil, theta_1, -ratio * min(theta_1, 1.2), slip)
 
 
-@given(wheel=wheels, soil=soils, theta_1=st.floats(0.02, 0.7), ratio=ratios, slip=st.floats(-1.0, 0.0))
+@given(wheel=wheels, soil=soils, theta_1=st.floats(0.02, 1.5), ratio=ratios, slip=st.floats(-1.0, 0.0))
 @settings(max_examples=150)
 def test_braking_forces_are_the_written_law(
     wheel: Wheel, soil: Soil, theta_1: float, ratio: float, slip: float
 ) -> None:
-    check_against_written_law(wheel, soil, theta_1, -ratio * theta_1, slip)
+    check_against_written_law(wheel, soil, theta_1, -ratio * min(theta_1, 1.2), slip)
 
 
 @pytest.mark.parametrize("slip", [-1.0, -0.5, 0.0, 0.2, 0.6])
@@ -332,7 +328,7 @@ def test_under_the_same_pressure_traction_grows_with_slip(
     )  # fmt: skip
     forces = np.array([wheel_forces_kernel(*numbers, lam, 1.0) for lam in np.linspace(0.0, 20.0, 41)])  # type: ignore[arg-type]
     traction, resistance, _, torque = forces.T
-    assert np.ptp(resistance) == 0.0
+    assert np.ptp(resistance) <= QUADRATURE * resistance.max()  # braking has nodes of its own
     assert (np.diff(traction) <= 0.0).all()
     assert (np.diff(torque) <= 0.0).all()
     assert torque[0] >= 0.0
@@ -359,6 +355,17 @@ def test_a_pure_friction_modulus_makes_forces_proportional_to_width(
 # Load balance
 
 
+@pytest.mark.parametrize(("slip", "load"), [(-0.9, 1663.127), (-1.0, 1343.0), (-0.92, 1596.75)])
+def test_a_load_just_under_the_hump_of_a_braked_wheel_is_met_before_the_hump(
+    curiosity_wheel: Wheel, slip: float, load: float
+) -> None:
+    """F_z exceeds these loads over a stretch of theta_1 of a few degrees only."""
+    solved = solve_sinkage(curiosity_wheel, MARS_DRY_SAND, load, slip)
+    angles = np.linspace(0.01, float(solved.theta_1) * (1.0 - 1e-9), 2000)
+    assert (np.asarray(wheel_forces(curiosity_wheel, MARS_DRY_SAND, angles, 0.0, slip).vertical) < load).all()
+    assert solved.forces.vertical == pytest.approx(load, rel=BALANCE)
+
+
 @given(
     wheel=wheels,
     soil=soils,
@@ -380,8 +387,8 @@ def test_the_solved_wheel_carries_its_load_at_the_first_root(
         return
     first = above[0]
     below_again = first + np.flatnonzero(carried[first:] < load)
-    if slip < 0.0 and below_again.size:
-        assume(math.log(angles[below_again[0]] / angles[first]) > SCAN_STEP)
+    if below_again.size:
+        assume(carried[first : below_again[0]].max() > load * (1.0 + 1e-9))  # touching the top is no crossing
     assert solved.solved
     assert angles[first - 1] * (1.0 - 1e-12) <= solved.theta_1 <= angles[first] * (1.0 + 1e-12)
     assert solved.forces.vertical == pytest.approx(load, rel=BALANCE)
