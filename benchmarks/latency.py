@@ -29,6 +29,7 @@ from traction_controller.node import TractionControllerNode
 
 WARM_UP = 100
 SAMPLES = 420
+NOTE_SAMPLES = 210
 BLOCKS = 7
 """The samples are cut into so many rounds; each gives one ratio."""
 DEADLINE_S = 2.0
@@ -60,26 +61,24 @@ def latency_events() -> Row:
 def _latency(name: str, executor_name: str, make_executor: Callable[..., Any]) -> Row:
     with own_context() as context:
         graph = _LiveGraph(make_executor(context=context), context)
-        three = _BareChain(make_executor(context=context), context, 3)
-        two = _BareChain(make_executor(context=context), context, 2)
+        three = _BareChain("bare_3", make_executor(context=context), context, 3)
+        two = _BareChain("bare_2", make_executor(context=context), context, 2)
+        default = _BareChain("default_3", SingleThreadedExecutor(context=context), context, 3)
         try:
             _await(graph.is_matched, lambda: time.sleep(0.01), 10.0)
-            for _ in range(WARM_UP):
-                graph.sample()
-                three.sample()
-                two.sample()
-            ours, bare, shorter = [], [], []
-            for number in range(SAMPLES):
-                if number % 2:
-                    bare.append(three.sample())
-                    ours.append(graph.sample())
-                else:
-                    ours.append(graph.sample())
-                    bare.append(three.sample())
-                shorter.append(two.sample())
+            _side_by_side(graph, three, WARM_UP)
+            ours, bare = _side_by_side(graph, three, SAMPLES)
+            notes = [
+                f"p99 over p99: {figures(percentile(ours, 0.99) / percentile(bare, 0.99))} x",
+                f"of ours, the driver's tick until its last publish: p50 {_ms(graph.driver_tick_s, 0.5)}",
+                _in_words("2 bare hops, as many as ours has", *_side_by_side(graph, two, NOTE_SAMPLES)),
+            ]
+            if make_executor is not SingleThreadedExecutor:
+                pair = _side_by_side(graph, default, NOTE_SAMPLES)
+                notes.append(_in_words("3 bare hops on SingleThreadedExecutor, rclpy's default", *pair))
             graph.require_driving()
         finally:
-            for part in (graph, three, two):
+            for part in (graph, three, two, default):
                 part.close()
     size = SAMPLES // BLOCKS
     blocks = [slice(block * size, (block + 1) * size) for block in range(BLOCKS)]
@@ -90,18 +89,26 @@ def _latency(name: str, executor_name: str, make_executor: Callable[..., Any]) -
         f"3 bare hops p50 {_ms(bare, 0.5)}, p99 {_ms(bare, 0.99)}",
         tuple(median(ours[block]) / median(bare[block]) for block in blocks),
         Goal("<=", 1.5),
-        notes=(
-            f"p99 over p99: {figures(percentile(ours, 0.99) / percentile(bare, 0.99))} x",
-            (
-                f"2 bare hops, as many as ours: p50 {_ms(shorter, 0.5)}, p99 {_ms(shorter, 0.99)}; ours over it "
-                f"{figures(median(ours) / median(shorter))} x"
-            ),
-            (
-                f"{len(ours)} samples each; of ours, the driver's tick until its last publish takes "
-                f"{_ms(graph.driver_tick_s[-SAMPLES:], 0.5)} (p50)"
-            ),
-        ),
+        notes=tuple(notes),
     )
+
+
+def _side_by_side(graph: "_LiveGraph", chain: "_BareChain", count: int) -> tuple[list[float], list[float]]:
+    """So many samples of each [s], by turns."""
+    ours, bare = [], []
+    for number in range(count):
+        if number % 2:
+            bare.append(chain.sample())
+            ours.append(graph.sample())
+        else:
+            ours.append(graph.sample())
+            bare.append(chain.sample())
+    return ours, bare
+
+
+def _in_words(what: str, ours: list[float], bare: list[float]) -> str:
+    ratio = median(ours) / median(bare)
+    return f"{what}: p50 {_ms(bare, 0.5)}, p99 {_ms(bare, 0.99)}; ours over it, p50: {figures(ratio)} x"
 
 
 def _ms(seconds: list[float], share: float) -> str:
@@ -237,20 +244,20 @@ class _LiveGraph:
 class _BareChain:
     """Publisher, relays that only pass on, sink; a node each, on one executor."""
 
-    def __init__(self, executor: Any, context: Any, hops: int) -> None:
+    def __init__(self, name: str, executor: Any, context: Any, hops: int) -> None:
         self._executor = executor
         self._received = 0
         deliveries = [*[topics.CONTACT_ANGLES.delivery] * (hops - 1), topics.WHEEL_COMMANDS.delivery]
         self._nodes = [
-            Node(f"bare_{hops}_{place}", context=context, use_global_arguments=False) for place in range(hops + 1)
+            Node(f"{name}_{place}", context=context, use_global_arguments=False) for place in range(hops + 1)
         ]
         self._publishers = [
-            self._nodes[hop].create_publisher(JointState, f"bare_{hops}/hop_{hop}", qos_profile(delivery))
+            self._nodes[hop].create_publisher(JointState, f"{name}/hop_{hop}", qos_profile(delivery))
             for hop, delivery in enumerate(deliveries)
         ]
         for hop, delivery in enumerate(deliveries):
             target = self._arrived if hop == hops - 1 else self._publishers[hop + 1].publish
-            self._subscribe(hops, hop, delivery, target)
+            self._subscribe(f"{name}/hop_{hop}", hop, delivery, target)
         self._message = _angles_message(topics.CONTACT_ANGLES)
         for node in self._nodes:
             executor.add_node(node)
@@ -268,8 +275,8 @@ class _BareChain:
         """Destroy the nodes."""
         _dismantle(self._executor, self._nodes)
 
-    def _subscribe(self, hops: int, hop: int, delivery: Delivery, target: Callable[[Any], None]) -> None:
-        self._nodes[hop + 1].create_subscription(JointState, f"bare_{hops}/hop_{hop}", target, qos_profile(delivery))
+    def _subscribe(self, topic_name: str, hop: int, delivery: Delivery, target: Callable[[Any], None]) -> None:
+        self._nodes[hop + 1].create_subscription(JointState, topic_name, target, qos_profile(delivery))
 
     def _spin(self) -> None:
         self._executor.spin_once(timeout_sec=0.1)
