@@ -7,6 +7,9 @@ import math
 
 import numpy as np
 
+from missions.core_run import run_cores
+from missions.plan import plan_run
+from strap_rover import topics
 from strap_rover.terramechanics.contact import (
     Wheel,
     deformability_by_linear_rule,
@@ -98,6 +101,21 @@ def band() -> None:
     )
 
 
+def warning() -> None:
+    log = run_cores(plan_run("mars_snag", "constant", duration_s=70.0))
+    truth_s, soil_s = log.time_s(topics.GROUND_TRUTH), log.time_s(topics.SOIL_STATE)
+    caught_s = truth_s[np.argmax(log.of_rover(topics.GROUND_TRUTH, "external_load") > 0.0)]
+    zone = log.of_wheels(topics.GROUND_TRUTH, "theta_1") - log.of_wheels(topics.GROUND_TRUTH, "theta_2")
+    signs = {
+        "vc below 1": (soil_s, log.of_wheels(topics.SOIL_STATE, "vc") < 1.0),
+        "slip above 0.3": (soil_s, log.of_wheels(topics.SOIL_STATE, "slip") > 0.3),
+        "zone 5 deg wider than before": (truth_s, zone > zone[np.searchsorted(truth_s, caught_s)] + np.radians(5.0)),
+    }
+    for name, (time_s, is_on) in signs.items():
+        after = is_on.any(axis=1) & (time_s > caught_s)
+        print(f"mars_snag, constant 2 rad/s: {name} {time_s[np.argmax(after)] - caught_s:.2f} s after the snag catches")
+
+
 if __name__ == "__main__":
-    for part in (sensor, wheel, soils, flow, band):
+    for part in (sensor, wheel, soils, flow, band, warning):
         part()
