@@ -7,8 +7,9 @@ assumption), `refilling` sand slumps back.
 
 import json
 import os
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import signal
+from collections.abc import Generator, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -113,9 +114,10 @@ def run_study(folder: Path, runs: int, console: Console) -> bool:
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task(f"{runs} members x {len(REFILL_RATES)} soils x {len(CONTROLLERS)}", total=len(jobs))
         try:
-            for result in _in_parallel(jobs):
-                results.append(result)
-                progress.advance(task)
+            with closing(_in_parallel(jobs)) as arriving:
+                for result in arriving:
+                    results.append(result)
+                    progress.advance(task)
         except KeyboardInterrupt:
             complete = False
     results.sort(key=lambda result: (result.soil, result.member, CONTROLLERS.index(result.controller)))
@@ -128,16 +130,16 @@ def run_study(folder: Path, runs: int, console: Console) -> bool:
     return complete
 
 
-def _in_parallel(jobs: Sequence[Job]) -> Iterator[Result]:
-    workers = len(os.sched_getaffinity(0))
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        pending = [pool.submit(run_job, job) for job in jobs]
-        try:
-            for done in as_completed(pending):
-                yield done.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+def _in_parallel(jobs: Sequence[Job]) -> Generator[Result, None, None]:
+    """Results as they come, from a pool over all cores; leaving the loop early ends the workers at once."""
+    with get_context("spawn").Pool(len(os.sched_getaffinity(0)), _leave_signals_to_parent) as pool:
+        yield from pool.imap_unordered(run_job, jobs)
+
+
+def _leave_signals_to_parent() -> None:
+    """Ctrl-C reaches every process of the terminal: the parent decides, and ends the pool."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def tabulate(results: Sequence[Result]) -> list[dict[str, object]]:
