@@ -51,7 +51,7 @@ class SimBridge(NodeShell[SimBridgeParameters]):
             topics.WHEEL_COMMANDS,
             lambda m: world.feed_wheel_commands(telemetry.wheel_commands(m, wheels, self.now_ns())),
         )
-        self._clock = self.announce(topics.CLOCK)
+        self._clock_announcement = self.announce(topics.CLOCK)
         self._wheel_states = self.announce(topics.WHEEL_STATES)
         self._odom = self.announce(topics.ODOM)
         self._imu = self.announce(topics.IMU)
@@ -67,7 +67,7 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         if target_ns <= self.world.now_ns:
             return
         report = self.world.advance(target_ns)
-        self._clock.send(telemetry.clock_message(target_ns))
+        self._clock_announcement.send(telemetry.clock_message(target_ns))
         self._wheel_states.send(self._wheel_joints.wheel_states_message(report.wheel_states))
         self._odom.send(telemetry.body_motion_message(report.body_motion))
         self._imu.send(telemetry.attitude_message(report.attitude))

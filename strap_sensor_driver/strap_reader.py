@@ -383,7 +383,7 @@ class _Wheel:
         self.anchor_a_v = self.anchor_b_v = -math.inf
         self.anchor_a_encoder = self.anchor_b_encoder = self.equal_encoder = 0.0
         self.seam_encoder: float | None = None
-        self.scan_ns = 0
+        self.scan_ns = -(1 << 62)  # nobody watched before the first scan, also where time starts at 0
         self.last_status = self.scan_status = _NO_DATA
         self.counts: dict[int, int] = {}
         self.v_a = self.v_b = 0.0

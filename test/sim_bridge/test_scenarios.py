@@ -1,0 +1,101 @@
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from sim_bridge import terrain as t
+from sim_bridge.plant import Snag
+from sim_bridge.scenarios import (
+    REFERENCE_SNAG,
+    SCENARIOS,
+    SnagCase,
+    random_snag_case,
+    scenario_named,
+    snag_scenario,
+    snag_site,
+)
+from strap_rover.rover import load_rover
+from strap_rover.terramechanics.soil import MARS_DRY_SAND, soil_from_de_st
+
+ROVER = load_rover("curiosity")
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_scenario_can_be_built_and_says_what_it_means(name):
+    scenario = scenario_named(name)
+    assert (scenario.name, len(scenario.meaning) > 20) == (name, True)
+    assert scenario.speed_mps > 0.0
+    rover = load_rover(scenario.rover)
+    site = scenario.build(rover, rng())
+    for wheel in rover.wheels:
+        track = site.terrain.track_y[site.terrain.track_of(wheel.y_m)]
+        assert track == wheel.y_m  # a track of its own, not only the nearest
+    assert site.terrain.x_start < min(wheel.x_m for wheel in rover.wheels)
+    reach = scenario.speed_mps * scenario.duration_s
+    assert site.terrain.x_end > reach  # the rover never leaves the sampled ground
+    assert all(math.isfinite(value) for value in site.facts.values())
+
+
+def test_an_unknown_scenario_names_the_known():
+    with pytest.raises(ValueError, match="no scenario 'mars'; known: composite, mars_snag, single_wheel"):
+        scenario_named("mars")
+
+
+def test_the_reference_snag_is_the_published_situation():
+    site = snag_site(ROVER, REFERENCE_SNAG)
+    assert site.snag == Snag(28.0, 600.0, 10.0)
+    for track in range(2):
+        firm, soft = site.terrain.at(track, 10.0), site.terrain.at(track, 40.0)
+        assert firm[t.SLOPE] == 0.0
+        assert firm[t.N] == pytest.approx(MARS_DRY_SAND.n)
+        assert math.degrees(soft[t.SLOPE]) == pytest.approx(9.0)
+        soil = soil_from_de_st(0.3, 0.385)
+        expected = [soil.k_c, soil.k_phi, soil.n, soil.cohesion, math.tan(soil.friction_angle)]
+        np.testing.assert_allclose(soft[t.K_C : t.TAN_FRICTION + 1], expected)
+        assert (soft[t.EXCAVATION], soft[t.REFILL]) == (0.02, 0.0)
+        assert math.degrees(site.terrain.at(track, 24.0)[t.SLOPE]) == pytest.approx(4.5, abs=0.1)  # half up the ramp
+    assert dict(site.facts) == {item.name: getattr(REFERENCE_SNAG, item.name) for item in fields(SnagCase)}
+
+
+def test_a_case_reaches_its_site():
+    case = replace(REFERENCE_SNAG, refill_rate=0.3, snag_n=111.0, slope_deg=5.0, excavation_depth_m=0.033)
+    site = snag_scenario(case, "mine").build(ROVER, rng())
+    soft = site.terrain.at(0, 40.0)
+    assert (soft[t.EXCAVATION], soft[t.REFILL]) == (0.033, 0.3)
+    assert math.degrees(soft[t.SLOPE]) == pytest.approx(5.0)
+    assert site.snag.force == 111.0
+
+
+def test_random_cases_follow_the_generator_and_stay_in_their_ranges():
+    cases = [random_snag_case(rng(seed)) for seed in range(200)]
+    assert cases == [random_snag_case(rng(seed)) for seed in range(200)]
+    for name, low, high in (
+        ("de", 0.2, 0.4),
+        ("st", 0.34, 0.44),
+        ("excavation_depth_m", 0.01, 0.035),
+        ("slope_deg", 6.0, 10.5),
+        ("snag_n", 300.0, 900.0),
+        ("snag_s", 4.0, 14.0),
+    ):
+        values = np.array([getattr(case, name) for case in cases])
+        assert low <= values.min() < low + 0.1 * (high - low)
+        assert high - 0.1 * (high - low) < values.max() <= high
+
+
+def test_the_composite_ground_follows_the_seed_and_differs_left_and_right():
+    build = scenario_named("composite").build
+    one, again, other = (build(ROVER, rng(seed)).terrain.samples for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one, again)
+    assert (one != other).any()
+    assert (one[0] != one[1]).any()
+    np.testing.assert_array_equal(one[0, :, t.SLOPE], one[1, :, t.SLOPE])
+
+
+def test_the_snag_does_not_depend_on_the_seed():
+    build = scenario_named("mars_snag").build
+    np.testing.assert_array_equal(build(ROVER, rng(1)).terrain.samples, build(ROVER, rng(2)).terrain.samples)
