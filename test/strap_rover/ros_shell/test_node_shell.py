@@ -10,6 +10,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from strap_rover.ros_shell.health import Health, HealthLevel
+from strap_rover.ros_shell.named_values import MessageError, NamedValues
 from strap_rover.ros_shell.node_shell import NodeShell
 from strap_rover.settings import SettingsError
 from strap_rover.topics import CMD_VEL, DIAGNOSTICS, SOIL_STATE, WHEEL_COMMANDS
@@ -240,3 +241,116 @@ def test_health_is_published_by_itself_when_live(context_with, wait_until):
     executor.add_node(node)
     wait_until(lambda: node.published[DIAGNOSTICS.name] >= 1, lambda: executor.spin_once(timeout_sec=0.2))
     executor.shutdown()
+
+
+def matched(sender, receiver, row, wait_until):
+    """A publisher of `sender` that `receiver`, which listens already, knows, and that knows it."""
+    publisher = sender.announce(row)
+    wait_until(lambda: sender.subscription_counts()[row.name] == 1)
+    wait_until(lambda: receiver.publisher_counts()[row.name] == 1)
+    return publisher
+
+
+def test_each_node_counts_whom_it_has_found(lockstep, wait_until):
+    sender, receiver, third = lockstep("sender"), lockstep("receiver"), lockstep("third")
+    receiver.listen(CMD_VEL, lambda _: None)
+    receiver.listen(SOIL_STATE, lambda _: None)
+    assert receiver.publisher_counts() == {CMD_VEL.name: 0, SOIL_STATE.name: 0}
+    assert receiver.listened_topics == (CMD_VEL.name, SOIL_STATE.name)
+    sender.announce(CMD_VEL)
+    third.announce(CMD_VEL)
+    wait_until(lambda: receiver.publisher_counts() == {CMD_VEL.name: 2, SOIL_STATE.name: 0})
+    wait_until(lambda: sender.subscription_counts() == {DIAGNOSTICS.name: 0, CMD_VEL.name: 1})
+    receiver.listen(DIAGNOSTICS, lambda _: None)
+    wait_until(lambda: sender.subscription_counts() == {DIAGNOSTICS.name: 1, CMD_VEL.name: 1})
+
+
+def test_drain_until_takes_what_is_due_and_no_more(lockstep, wait_until):
+    sender, receiver = lockstep("sender"), lockstep("receiver")
+    seen = []
+    receiver.listen(CMD_VEL, lambda message: seen.append(message.header.stamp.nanosec))
+    publisher = matched(sender, receiver, CMD_VEL, wait_until)
+    for number in range(5):
+        publisher.send(twist(number))
+    wait_until(lambda: receiver.drain_until({CMD_VEL.name: 3}))
+    assert seen == [0, 1, 2]
+    assert receiver.drain_until({CMD_VEL.name: 3})
+    assert receiver.drain_until({CMD_VEL.name: 2})  # more than due already
+    assert seen == [0, 1, 2]
+    wait_until(lambda: receiver.drain_until(sender.published))
+    assert seen == [0, 1, 2, 3, 4]
+
+
+def test_drain_until_is_not_done_while_any_topic_waits(lockstep, wait_until):
+    sender, receiver = lockstep("sender"), lockstep("receiver")
+    receiver.listen(WHEEL_COMMANDS, lambda _: None)
+    receiver.listen(CMD_VEL, lambda _: None)
+    publisher = matched(sender, receiver, CMD_VEL, wait_until)
+    matched(sender, receiver, WHEEL_COMMANDS, wait_until)
+    publisher.send(twist(1))
+    due = {WHEEL_COMMANDS.name: 1, CMD_VEL.name: 1}
+
+    def cmd_vel_came():
+        assert not receiver.drain_until(due)  # wheel_commands never comes, and does not keep cmd_vel back
+        return receiver.received[CMD_VEL.name] == 1
+
+    wait_until(cmd_vel_came)
+
+
+def test_a_message_that_breaks_the_contract_is_left_out_counted_and_reported(lockstep, wait_until):
+    sender, receiver, listener = lockstep("sender"), lockstep("receiver"), lockstep("listener")
+    converter, seen, reports = NamedValues(SOIL_STATE, ("l", "r")), [], []
+    receiver.listen(SOIL_STATE, lambda message: seen.append(converter.from_message(message)[0]))
+    listener.listen(DIAGNOSTICS, reports.append)
+    wait_until(lambda: receiver.subscription_counts()[DIAGNOSTICS.name] == 1)
+    wait_until(lambda: listener.publisher_counts()[DIAGNOSTICS.name] == 3)
+    publisher = matched(sender, receiver, SOIL_STATE, wait_until)
+    good = converter.to_message(7, [[0.0] * 11] * 2)
+    other_rover = NamedValues(SOIL_STATE, ("a", "b")).to_message(8, [[0.0] * 11] * 2)
+    for message in (good, other_rover, JointState(), good):
+        publisher.send(message)
+    wait_until(lambda: receiver.drain_until(sender.published))
+    assert seen == [7, 7]
+    assert receiver.received == {SOIL_STATE.name: 4}
+    assert receiver.refused == {SOIL_STATE.name: 2}
+    receiver.report_health()
+    wait_until(lambda: reports, listener.drain)
+    node, refusal = reports[0].status
+    assert node.name == "receiver: node"
+    assert (refusal.name, refusal.level) == ("receiver: topic soil_state", DiagnosticStatus.ERROR)
+    assert "0 names, expected 22" in refusal.message  # the last one refused
+    assert [(item.key, item.value) for item in refusal.values] == [("refused", "2")]
+
+
+def test_an_executor_does_not_stumble_over_such_a_message(context_with, wait_until):
+    context = context_with()
+    node = ProbeNode(context=context)
+    seen = []
+
+    def picky(message):
+        if message.header.stamp.nanosec == 1:
+            raise MessageError("cmd_vel: one is not wanted; send two")
+        seen.append(message.header.stamp.nanosec)
+
+    node.listen(CMD_VEL, picky)
+    publisher = node.announce(CMD_VEL)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    for number in range(3):
+        publisher.send(twist(number))
+    wait_until(lambda: len(seen) == 2, lambda: executor.spin_once(timeout_sec=0.1))
+    assert (seen, node.refused) == ([0, 2], {CMD_VEL.name: 1})
+    executor.shutdown()
+
+
+def test_any_other_error_of_a_callback_is_a_bug_and_passes_through(lockstep, wait_until):
+    sender, receiver = lockstep("sender"), lockstep("receiver")
+
+    def broken(_message):
+        raise ValueError("a bug")
+
+    receiver.listen(CMD_VEL, broken)
+    matched(sender, receiver, CMD_VEL, wait_until).send(twist(1))
+    with pytest.raises(ValueError, match="a bug"):
+        wait_until(lambda: receiver.received[CMD_VEL.name], receiver.drain)
+    assert receiver.refused == {}

@@ -1,0 +1,160 @@
+import math
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import TwistStamped
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64MultiArray
+
+from strap_rover.ros_shell import telemetry_messages as telemetry
+from strap_rover.ros_shell.named_values import MessageError
+from strap_rover.ros_shell.stamps import ns_from_time
+from strap_rover.ros_shell.telemetry_messages import JointTelemetry
+from strap_rover.telemetry import Attitude, BodyMotion, SpeedRequest, Suspension, WheelCommands, WheelStates
+
+pytestmark = pytest.mark.ros
+JOINTS = ("fl", "fr", "rl")
+STAMPS = st.integers(0, 2**31 * 10**9 - 1)
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+TRIPLES = hnp.arrays(np.float64, 3, elements=st.floats(allow_nan=True))
+
+
+def sent(message):
+    """The message after it crossed the wire."""
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def bits(*arrays):
+    return [array.tobytes() for array in arrays]
+
+
+@given(STAMPS, TRIPLES, TRIPLES, TRIPLES)
+def test_wheel_states_come_back_bit_for_bit(stamp_ns, angle, speed, torque):
+    joints = JointTelemetry("wheel_states", JOINTS)
+    back = joints.wheel_states(joints.wheel_states_message(WheelStates(stamp_ns, angle, speed, torque)))
+    assert back.stamp_ns == stamp_ns
+    assert bits(back.angle, back.speed, back.torque) == bits(angle, speed, torque)
+
+
+@given(STAMPS, TRIPLES)
+def test_suspension_and_stamped_commands_come_back_bit_for_bit(stamp_ns, values):
+    joints = JointTelemetry("suspension", JOINTS)
+    suspension = joints.suspension(joints.suspension_message(Suspension(stamp_ns, values)))
+    commands = joints.wheel_commands(joints.wheel_commands_message(WheelCommands(stamp_ns, values)))
+    assert suspension.stamp_ns == commands.stamp_ns == stamp_ns
+    assert bits(suspension.angle) == bits(commands.speed) == bits(values)
+
+
+def test_columns_are_where_other_programs_look_for_them():
+    joints = JointTelemetry("wheel_states", JOINTS)
+    states = WheelStates(1_500_000_000, np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]), np.array([7.0, 8.0, 9.0]))
+    message = deserialize_message(joints.wheel_states_message(states), JointState)
+    assert tuple(message.name) == JOINTS
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1, 500_000_000)
+    assert list(message.position) == [1.0, 2.0, 3.0]
+    assert list(message.velocity) == [4.0, 5.0, 6.0]
+    assert list(message.effort) == [7.0, 8.0, 9.0]
+    commands = deserialize_message(joints.wheel_commands_message(WheelCommands(0, np.full(3, 2.0))), JointState)
+    assert (list(commands.velocity), list(commands.position), list(commands.effort)) == ([2.0] * 3, [], [])
+
+
+def foreign(**fields):
+    message = JointState(**({"name": list(JOINTS), "position": [1.0] * 3, "velocity": [2.0] * 3} | fields))
+    message.header.frame_id = "base_link"
+    return message
+
+
+@pytest.mark.parametrize("form", [lambda message: message, lambda message: bytes(serialize_message(message))])
+def test_joint_states_of_other_senders(form):
+    joints = JointTelemetry("wheel_states", JOINTS)
+    states = joints.wheel_states(form(foreign()))
+    assert states.torque.tolist() == [0.0] * 3  # no effort means no torque
+    assert joints.wheel_states(form(foreign(effort=[3.0] * 3))).torque.tolist() == [3.0] * 3
+    for wrong, said in (
+        ({"name": ["fl", "rl", "fr"]}, "joints ['fl', 'rl', 'fr'] are not"),
+        ({"name": []}, "joints [] are not"),
+        ({"position": [1.0] * 2}, "2 positions for 3 joints"),
+        ({"velocity": []}, "0 velocities for 3 joints"),
+        ({"effort": [1.0]}, "1 efforts for 3 joints"),
+    ):
+        with pytest.raises(MessageError) as caught:
+            joints.wheel_states(form(foreign(**wrong)))
+        assert str(caught.value).startswith("wheel_states: ")
+        assert said in str(caught.value)
+    with pytest.raises(MessageError, match="1 positions for 3 joints"):
+        joints.suspension(form(foreign(position=[1.0])))
+    with pytest.raises(MessageError, match="4 velocities for 3 joints"):
+        joints.wheel_commands(form(foreign(velocity=[1.0] * 4)))
+
+
+@given(STAMPS, FINITE, FINITE, FINITE, FINITE, st.floats(0.0, 1e3))
+def test_body_motion_comes_back(stamp_ns, x, y, z, speed, speed_std):
+    motion = BodyMotion(stamp_ns, x, y, z, speed, speed_std)
+    back = telemetry.body_motion(sent(telemetry.body_motion_message(motion)))
+    assert (back.stamp_ns, back.x, back.y, back.z, back.speed) == (stamp_ns, x, y, z, speed)
+    assert back.speed_std == pytest.approx(speed_std, rel=1e-15, abs=1e-160)  # it travels as its square
+
+
+def test_odometry_stands_in_the_frames_of_rep_105():
+    message = telemetry.body_motion_message(BodyMotion(0, 1.0, 2.0, 3.0, 0.5, 0.1))
+    assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
+    assert message.twist.covariance[0] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("variance", [-1e-9, math.nan])
+def test_odometry_without_a_variance_is_refused(variance):
+    message = Odometry()
+    message.twist.covariance[0] = variance
+    with pytest.raises(MessageError, match=r"odom: twist.covariance"):
+        telemetry.body_motion(message)
+
+
+@given(STAMPS, st.floats(-1.5, 1.5), FINITE)
+def test_attitude_comes_back_with_pitch(stamp_ns, pitch, acceleration):
+    quaternion = (0.0, -math.sin(0.5 * pitch), 0.0, math.cos(0.5 * pitch))
+    back = telemetry.attitude(sent(telemetry.attitude_message(Attitude(stamp_ns, quaternion, acceleration))))
+    assert (back.stamp_ns, back.orientation, back.forward_acceleration) == (stamp_ns, quaternion, acceleration)
+    assert back.pitch == pytest.approx(pitch, abs=1e-7)
+    assert back.roll == 0.0
+
+
+def test_an_imu_message_says_that_it_has_no_rates():
+    assert telemetry.attitude_message(Attitude(0, (0.0, 0.0, 0.0, 1.0), 0.0)).angular_velocity_covariance[0] == -1.0
+
+
+@pytest.mark.parametrize("w", [0.0, 2.0, math.nan])
+def test_an_imu_without_attitude_is_refused(w):
+    message = Imu()
+    message.orientation.w = w
+    with pytest.raises(MessageError, match=r"imu: orientation has squared norm .*, not 1"):
+        telemetry.attitude(message)
+
+
+@given(STAMPS, FINITE, FINITE)
+def test_speed_requests_come_back(stamp_ns, speed, yaw_rate):
+    request = SpeedRequest(stamp_ns, speed, yaw_rate)
+    message = sent(telemetry.speed_request_message(request))
+    assert isinstance(message, TwistStamped)
+    assert telemetry.speed_request(message) == request
+
+
+@given(hnp.arrays(np.float64, 6, elements=FINITE))
+def test_wheel_commands_come_back_with_the_receivers_time(speed):
+    back = telemetry.wheel_commands(sent(telemetry.wheel_commands_message(WheelCommands(1, speed))), 6, 77)
+    assert (back.stamp_ns, bits(back.speed)) == (77, bits(speed))
+
+
+@pytest.mark.parametrize("bad", [[], [1.0] * 5, [1.0] * 7, [math.nan] * 6, [math.inf] + [0.0] * 5])
+def test_wheel_commands_that_are_not_one_speed_each_are_refused(bad):
+    with pytest.raises(MessageError, match=r"wheel_commands: .* is not one finite speed for each of 6 wheels"):
+        telemetry.wheel_commands(Float64MultiArray(data=bad), 6, 0)
+
+
+@given(STAMPS)
+def test_clock(stamp_ns):
+    assert ns_from_time(sent(telemetry.clock_message(stamp_ns)).clock) == stamp_ns
