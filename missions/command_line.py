@@ -1,16 +1,15 @@
 """The `strap_rover` command. Exit codes: 0 done, 1 failed, 2 asked wrongly, 130 stopped early with what is done."""
 
 import argparse
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
 
 from rich.console import Console
 
 import strap_rover
 from missions.plan import CONTROLLERS, plan_run
+from missions.stop_request import StopRequest
 from sim_bridge.scenarios import SCENARIOS
 from strap_rover.flight_recorder.bag_format import BagError
 from strap_rover.installed_data import InstalledDataError
@@ -23,11 +22,10 @@ STUDIES = ("mars_snag",)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
     options = _parser().parse_args(arguments)
-    console = Console()
-    signal.signal(signal.SIGTERM, _as_interrupt)
-    command: Callable[[argparse.Namespace, Console], int] = options.command
+    command: Callable[[argparse.Namespace, Console, StopRequest], int] = options.command
     try:
-        return command(options, console)
+        with StopRequest() as stop:
+            return command(options, Console(), stop)
     except (SettingsError, InstalledDataError) as error:
         return _complain(error, EXIT_ASKED_WRONGLY)
     except BagError as error:
@@ -70,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _demo(options: argparse.Namespace, console: Console) -> int:
+def _demo(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:
     from missions.demo import OutputFolderError, output_folder, print_result, run_demo  # noqa: PLC0415 - ROS is slow
     from missions.lockstep import LockstepError  # noqa: PLC0415
 
@@ -79,7 +77,7 @@ def _demo(options: argparse.Namespace, console: Console) -> int:
     )
     try:
         folder = output_folder(options.out, f"demo-{plan.scenario.name}-{plan.controller.policy}")
-        result = run_demo(plan, folder, console)
+        result = run_demo(plan, folder, console, stop)
     except OutputFolderError as error:
         return _complain(error, EXIT_ASKED_WRONGLY)
     except (LockstepError, ValueError) as error:
@@ -90,14 +88,14 @@ def _demo(options: argparse.Namespace, console: Console) -> int:
     return EXIT_OK if result.complete else EXIT_STOPPED
 
 
-def _bag_info(options: argparse.Namespace, console: Console) -> int:
+def _bag_info(options: argparse.Namespace, console: Console, _stop: StopRequest) -> int:
     from strap_rover.flight_recorder.bag_reader import info_table, read_bag_summary  # noqa: PLC0415 - only needed here
 
     console.print(info_table(read_bag_summary(options.bag)))
     return EXIT_OK
 
 
-def _case_study(options: argparse.Namespace, console: Console) -> int:
+def _case_study(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:
     from missions.case_studies.mars_snag import run_study  # noqa: PLC0415 - only needed here
     from missions.demo import OutputFolderError, output_folder  # noqa: PLC0415
 
@@ -108,17 +106,12 @@ def _case_study(options: argparse.Namespace, console: Console) -> int:
         folder = output_folder(options.out, "case_study-mars_snag")
     except OutputFolderError as error:
         return _complain(error, EXIT_ASKED_WRONGLY)
-    return EXIT_OK if run_study(folder, runs, console) else EXIT_STOPPED
+    return EXIT_OK if run_study(folder, runs, console, stop) else EXIT_STOPPED
 
 
 def _complain(error: object, code: int) -> int:
     sys.stderr.write(f"strap_rover: {error}\n")
     return code
-
-
-def _as_interrupt(_signal_number: int, _frame: FrameType | None) -> None:
-    """SIGTERM ends a run as Ctrl-C does: the bag is closed with what is done."""
-    raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """`strap_rover demo`: one run through the whole graph, into a folder with bag, summary and picture."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,6 +13,7 @@ from missions.lockstep import run_lockstep
 from missions.picture import draw_run
 from missions.plan import CYCLE_NS, NS, RunPlan
 from missions.run_log import run_log_from_bag
+from missions.stop_request import never
 from missions.summary import RunSummary, summarize, write_summary
 
 BAG: Final = "bag"
@@ -54,8 +56,8 @@ def output_folder(asked: Path | None, stem: str) -> Path:
     return asked
 
 
-def run_demo(plan: RunPlan, folder: Path, console: Console) -> DemoResult:
-    """Run `plan` in lockstep through all nodes into `folder`; Ctrl-C keeps what is done.
+def run_demo(plan: RunPlan, folder: Path, console: Console, stopped: Callable[[], bool] = never) -> DemoResult:
+    """Run `plan` in lockstep through all nodes into `folder`, to its end or until `stopped()`; keeps what is done.
 
     Raises BagError when the bag cannot be written, LockstepError when a message was lost.
     """
@@ -72,7 +74,9 @@ def run_demo(plan: RunPlan, folder: Path, console: Console) -> DemoResult:
         transient=True,
     ) as progress:
         task = progress.add_task("all nodes, recording", total=plan.duration_s)
-        done = run_lockstep(plan, folder / BAG, lambda cycles: progress.update(task, completed=cycles * CYCLE_NS / NS))
+        done = run_lockstep(
+            plan, folder / BAG, lambda cycles: progress.update(task, completed=cycles * CYCLE_NS / NS), stopped
+        )
         progress.update(task, description="reading the bag back, drawing")
         log = run_log_from_bag(folder / BAG, plan.rover.wheel_names)
         summary = summarize(plan, log)

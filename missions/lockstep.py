@@ -21,6 +21,7 @@ from rclpy.context import Context
 
 import strap_rover
 from missions.plan import CYCLE_NS, ESTIMATOR_NS, HEALTH_NS, REQUEST_NS, RunPlan
+from missions.stop_request import never
 from sim_bridge.node import SimBridge
 from sim_bridge.world import board_links
 from soil_flow_estimator.node import SoilFlowEstimator
@@ -173,7 +174,7 @@ class LockstepGraph:
         """Deliver until every listener has had every message."""
         sent = self._sent
         deadline = 0.0
-        while not all(node.drain_until(sent) for node in self._nodes):
+        while [node for node in self._nodes if not node.drain_until(sent)]:
             now = time.monotonic()
             deadline = deadline or now + BARRIER_TIMEOUT_S
             if now > deadline:
@@ -266,20 +267,18 @@ def run_lockstep(
     plan: RunPlan,
     bag: Path | None,
     progress: Callable[[int], None] | None = None,
+    stopped: Callable[[], bool] = never,
 ) -> int:
     """Run the whole plan into a bag (or none); returns the cycles done.
 
-    Ctrl-C ends the run early: the bag is closed with what is done. Raises LockstepError when a message was lost and
-    BagError when the bag cannot be written (then with what was saved).
+    `stopped` is asked every cycle: True ends the run early, with a bag of what is done. Raises LockstepError when a
+    message was lost and BagError when the bag cannot be written (then with what was saved).
     """
     done = 0
     with LockstepGraph(plan, bag) as graph, _rare_collection():
-        try:
-            for _ in range(plan.cycles):
-                graph.step()
-                done += 1
-                if progress is not None and done % 10 == 0:
-                    progress(done)
-        except KeyboardInterrupt:
-            return done
+        while done < plan.cycles and not stopped():
+            graph.step()
+            done += 1
+            if progress is not None and done % 10 == 0:
+                progress(done)
     return done

@@ -8,10 +8,9 @@ assumption), `refilling` sand slumps back.
 import json
 import os
 import signal
-from collections.abc import Generator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import get_context
+from multiprocessing import TimeoutError, get_context  # noqa: A004 - the pool's own, not the built-in
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from rich.table import Table
 
 from missions.core_run import run_cores
 from missions.plan import CONTROLLERS, plan_run
+from missions.stop_request import never
 from missions.summary import Outcome, summarize
 from sim_bridge.plant import SNAG_ELAPSED, SPEED
 from sim_bridge.plant import X as BODY_X
@@ -31,6 +31,7 @@ FAMILY_SEED = 20200503
 """Members are drawn from this; nothing was tuned on them."""
 REFILL_RATES = {"trapping": 0.0, "refilling": 0.2}
 """1/tau_s of the two kinds of soil [1/s]."""
+_POLL_S = 0.2
 _COLUMNS = {
     "controller": "controller",
     "runs": "runs",
@@ -106,20 +107,15 @@ def _is_decided(world: World, case: SnagCase) -> bool:
     return bool(is_clear or since_release > _GIVE_UP_S)
 
 
-def run_study(folder: Path, runs: int, console: Console) -> bool:
-    """Run the family on all cores into `folder`; False when Ctrl-C ended it early (what is done is kept)."""
+def run_study(folder: Path, runs: int, console: Console, stopped: Callable[[], bool] = never) -> bool:
+    """Run the family on all cores into `folder`; False when `stopped()` ended it early (what is done is kept)."""
     jobs = family(runs)
     results: list[Result] = []
-    complete = True
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task(f"{runs} members x {len(REFILL_RATES)} soils x {len(CONTROLLERS)}", total=len(jobs))
-        try:
-            with closing(_in_parallel(jobs)) as arriving:
-                for result in arriving:
-                    results.append(result)
-                    progress.advance(task)
-        except KeyboardInterrupt:
-            complete = False
+        for result in _in_parallel(jobs, stopped):
+            results.append(result)
+            progress.advance(task)
     results.sort(key=lambda result: (result.soil, result.member, CONTROLLERS.index(result.controller)))
     rows = [{**asdict(result), "case": asdict(result.case)} for result in results]
     (folder / "runs.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
@@ -127,13 +123,21 @@ def run_study(folder: Path, runs: int, console: Console) -> bool:
     for table in family_tables(results):
         console.print(table)
     console.print(f"every run: {folder / 'runs.json'}")
-    return complete
+    return len(results) == len(jobs)
 
 
-def _in_parallel(jobs: Sequence[Job]) -> Generator[Result, None, None]:
-    """Results as they come, from a pool over all cores; leaving the loop early ends the workers at once."""
+def _in_parallel(jobs: Sequence[Job], stopped: Callable[[], bool]) -> Iterator[Result]:
+    """Results as they come, from a pool over all cores, until `stopped()`; then its workers are ended at once."""
     with get_context("spawn").Pool(len(os.sched_getaffinity(0)), _leave_signals_to_parent) as pool:
-        yield from pool.imap_unordered(run_job, jobs)
+        arriving = pool.imap_unordered(run_job, jobs)
+        due = len(jobs)
+        while due and not stopped():
+            try:
+                result = arriving.next(_POLL_S)
+            except TimeoutError:
+                continue
+            due -= 1
+            yield result
 
 
 def _leave_signals_to_parent() -> None:

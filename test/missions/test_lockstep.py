@@ -121,7 +121,6 @@ def test_a_message_that_never_arrives_ends_the_run_with_topic_node_and_counts(ma
     assert sum(1 for _ in iterate_messages(tmp_path / "bag")) > 20  # the bag is closed and whole
 
 
-@pytest.mark.xfail(strict=True, reason="the barrier stops draining at the first node that waits")
 def test_messages_that_did_arrive_are_not_called_missing(make_plan, monkeypatch):
     monkeypatch.setattr(lockstep, "BARRIER_TIMEOUT_S", 0.3)
     with LockstepGraph(make_plan(), None) as graph:

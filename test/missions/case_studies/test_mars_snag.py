@@ -1,5 +1,6 @@
 import io
 import json
+import multiprocessing
 from collections.abc import Iterator
 
 import pytest
@@ -83,9 +84,8 @@ def test_a_study_through_the_process_pool(tmp_path, monkeypatch):
 
 
 def test_an_interrupted_study_keeps_what_is_done(tmp_path, monkeypatch):
-    def three_then_stop(jobs: list[Job]) -> Iterator[Result]:
+    def three_then_stop(jobs: list[Job], _stopped: object) -> Iterator[Result]:
         yield from (result(job) for job in (jobs[5], jobs[0], jobs[9]))
-        raise KeyboardInterrupt
 
     monkeypatch.setattr(mars_snag, "_in_parallel", three_then_stop)
     assert not run_study(tmp_path, 2, Console(file=io.StringIO()))
@@ -104,3 +104,10 @@ def test_the_reference_case_is_inside_the_family():
     for name in ("de", "st", "excavation_depth_m", "slope_deg", "snag_n", "snag_s"):
         values = [getattr(case, name) for case in cases]
         assert min(values) < getattr(REFERENCE_SNAG, name) < max(values), name
+
+
+def test_a_stopped_study_ends_its_workers_at_once(tmp_path):
+    """Asked to stop before the first of many members is through, it returns with none, and no worker goes on."""
+    assert not run_study(tmp_path, 20, Console(file=io.StringIO()), lambda: True)
+    assert json.loads((tmp_path / "runs.json").read_text(encoding="utf-8")) == []
+    assert multiprocessing.active_children() == []
