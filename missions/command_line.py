@@ -45,9 +45,9 @@ def _parser() -> argparse.ArgumentParser:
 
     demo = commands.add_parser("demo", help="drive a simulated rover through the whole graph, recording everything")
     meanings = "; ".join(f"{name}: {scenario.meaning}" for name, scenario in sorted(SCENARIOS.items()))
-    demo.add_argument("--scenario", default="mars_snag", metavar="NAME", help=meanings)
-    demo.add_argument("--controller", default="soil_flow", metavar="NAME", help=", ".join(CONTROLLERS))
-    demo.add_argument("--seed", type=int, default=0, help="of terrain and sensor noise (default 0)")
+    demo.add_argument("--scenario", metavar="NAME", help=f"{meanings} (default mars_snag)")
+    demo.add_argument("--controller", metavar="NAME", help=f"{', '.join(CONTROLLERS)} (default soil_flow)")
+    demo.add_argument("--seed", type=int, help="of terrain and sensor noise (default 0)")
     demo.add_argument("--duration", type=float, metavar="S", help="simulated seconds (default: the scenario's)")
     demo.add_argument("--out", type=Path, metavar="DIR", help="empty folder for bag, summary.json, run.png")
     demo.add_argument("--params-file", type=Path, metavar="FILE", help="ROS parameter file over the shipped config/")

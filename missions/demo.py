@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -102,9 +103,8 @@ def print_result(result: DemoResult, console: Console) -> None:
         table.add_row("faults", ", ".join(summary.faults))
     for event in summary.events:
         table.add_row("", f"{event.time_s:6.1f} s  {event.what}")
-    table.add_row("bag", str(result.folder / BAG))
-    table.add_row("picture", str(result.folder / PICTURE))
-    table.add_row("summary", str(result.folder / SUMMARY))
+    for name, file in (("bag", BAG), ("picture", PICTURE), ("summary", SUMMARY)):
+        table.add_row(name, escape(str(result.folder / file)))
     console.print(table)
 
 

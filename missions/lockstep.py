@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -35,6 +36,8 @@ from traction_controller.node import TractionControllerNode
 
 BARRIER_TIMEOUT_S = 10.0
 """Wall time after which a message counts as lost; delivery within a process takes microseconds."""
+_DOMAIN = 0
+"""Nothing leaves the process, so the domain of the environment, right or wrong, does not matter."""
 SETTINGS_KEY = "settings"
 """Key in the bag's custom_data under which the settings of every node stand, as JSON."""
 
@@ -63,17 +66,24 @@ class _Sent(Mapping[str, int]):
         return len(self._counters)
 
 
-class Operator(NodeShell[Any]):
+@dataclass(frozen=True, slots=True)
+class OperatorParameters:
+    """What the operator wants."""
+
+    speed_mps: float = field(metadata={"doc": "body speed asked for [m/s]"})
+
+
+class Operator(NodeShell[OperatorParameters]):
     """Whoever asks the rover to drive."""
 
     def __init__(self, plan: RunPlan, context: Context) -> None:
-        super().__init__("operator", type(plan.world), settings=plan.world, context=context, self_ticking=False)
-        self._speed = plan.scenario.speed_mps
+        wish = OperatorParameters(plan.scenario.speed_mps)
+        super().__init__("operator", OperatorParameters, settings=wish, context=context, self_ticking=False)
         self._request = self.announce(topics.CMD_VEL)
 
     def tick(self) -> None:
         """Ask for the scenario's speed."""
-        self._request.send(speed_request_message(SpeedRequest(self.now_ns(), self._speed)))
+        self._request.send(speed_request_message(SpeedRequest(self.now_ns(), self.settings.speed_mps)))
 
 
 class LockstepGraph:
@@ -87,7 +97,7 @@ class LockstepGraph:
         self.now_ns = 0
         with _own_process_only():
             self._context = Context()
-            rclpy.init(args=[], context=self._context)
+            rclpy.init(args=[], context=self._context, domain_id=_DOMAIN)
         self._nodes: list[NodeShell[Any]] = []
         self._recorder_node: Any = None
         self.recorder: Recorder | None = None
@@ -100,11 +110,6 @@ class LockstepGraph:
 
     def _build(self, bag: Path | None) -> None:
         plan, context = self.plan, self._context
-        if bag is not None:  # first: it must hear every topic from its first message on
-            self._recorder_node = rclpy.create_node(
-                "recorder", context=context, start_parameter_services=False, enable_rosout=False
-            )
-            self.recorder = Recorder.open(self._recorder_node, bag, custom_data=_custom_data(plan))
         links = board_links(plan.rover, plan.world)
         drivers = {board: ends[0] for board, ends in links.items()}
         boards = {board: ends[1] for board, ends in links.items()}
@@ -119,6 +124,11 @@ class LockstepGraph:
         self._nodes.append(self.estimator)
         self.controller = TractionControllerNode(settings=plan.controller, **live)
         self._nodes.append(self.controller)
+        if bag is not None:  # last, so that nothing wrong with the run leaves half a bag; nobody has published yet
+            self._recorder_node = rclpy.create_node(
+                "recorder", context=context, start_parameter_services=False, enable_rosout=False
+            )
+            self.recorder = Recorder.open(self._recorder_node, bag, custom_data=_custom_data(plan))
         self._sent = _Sent(self._nodes)
         self._listeners = [(node, name) for node in self._nodes for name in node.listened_topics]
 
@@ -258,6 +268,7 @@ def _custom_data(plan: RunPlan) -> dict[str, str]:
         "strap_rover_version": strap_rover.__version__,
         "scenario": plan.scenario.name,
         "rover": plan.rover.name,
+        "rover_description": json.dumps(asdict(plan.rover), sort_keys=True),
         "seed": str(plan.seed),
         SETTINGS_KEY: json.dumps(plan.settings(), sort_keys=True),
     }

@@ -2,19 +2,21 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from sim_bridge.parameters import SimBridgeParameters
 from sim_bridge.scenarios import Scenario, scenario_named
+from sim_bridge.world import periods_ns
 from soil_flow_estimator.parameters import SoilEstimatorParameters
 from strap_rover.installed_data import config_file
 from strap_rover.rover import RoverDescription, load_rover
 from strap_rover.settings import (
     Settings,
     SettingsError,
+    read_parameters,
     read_parameters_file,
     read_yaml,
     settings_as_mapping,
@@ -42,6 +44,8 @@ NODES: Mapping[str, type[Any]] = MappingProxyType(
     }
 )
 """Parameter class of every node of a run."""
+_EVERYBODY = ("**", "*")
+"""Sections of a parameter file that speak to all nodes, without their slash."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,92 +82,187 @@ class RunPlan:
 
 
 def plan_run(
-    scenario: Scenario | str,
-    controller: str = "soil_flow",
-    seed: int = 0,
+    scenario: Scenario | str | None = None,
+    controller: str | None = None,
+    seed: int | None = None,
     duration_s: float | None = None,
     params_file: Path | None = None,
     rover: str | None = None,
 ) -> RunPlan:
     """A run of a scenario with the shipped settings; `controller` is one of CONTROLLERS.
 
-    `params_file` is a ROS parameter file whose values go over the shipped ones; `rover` names or is the file of another
-    rover than the scenario's. Raises SettingsError (a ValueError) listing everything that is wrong.
+    `params_file` is a ROS parameter file whose values go over the shipped ones. What is asked for by argument goes over
+    both; what nobody says is `mars_snag`, `soil_flow`, seed 0, and the scenario's own rover and duration.
+    Raises SettingsError (a ValueError) listing everything that is wrong.
     """
     problems: list[str] = []
-    try:
-        chosen = scenario_named(scenario) if isinstance(scenario, str) else scenario
-    except ValueError as error:
-        problems.append(f"scenario: {error}")
-    if controller not in CONTROLLERS:
+    changes = _changes(params_file, problems)
+    mappings = _mappings(changes, problems)
+    world_says, controller_says = mappings["sim_bridge"], mappings["traction_controller"]
+    if isinstance(scenario, Scenario):
+        chosen = scenario
+        world_says["scenario"] = "mars_snag"  # a scenario of its own has no name to choose
+    else:
+        name = str(world_says["scenario"]) if scenario is None else scenario
+        try:
+            chosen = scenario_named(name)
+        except ValueError as error:
+            problems.append(f"scenario: {error}")
+            chosen = scenario_named("mars_snag")
+        world_says["scenario"] = chosen.name
+    if controller is not None and controller not in CONTROLLERS:
         problems.append(f"controller: {controller!r} is not known; give one of {', '.join(CONTROLLERS)}")
-    if not 0 <= seed < 2**31:
+    elif controller is not None:
+        controller_says["policy"] = controller
+    if seed is not None and not 0 <= seed < 2**31:
         problems.append(f"seed: {seed} is out of range; give a whole number from 0 to {2**31 - 1}")
+    elif seed is not None:
+        world_says["seed"] = seed
     if duration_s is not None and not (math.isfinite(duration_s) and CYCLE_NS / NS <= duration_s <= 36_000.0):
         problems.append(f"duration: {duration_s} s is out of range; give 0.01 to 36000 s")
-    if problems:
+    description = _rover(chosen.rover if rover is None else rover, rover is not None, changes, mappings, problems)
+    parts = _parts(mappings, params_file, problems)
+    if not problems:
+        _check_rates(parts["sim_bridge"], chosen, problems)
+    if problems or description is None:
         raise SettingsError(problems)
-    rover_name = rover or chosen.rover
-    try:
-        description = load_rover(rover_name)
-    except SettingsError as error:
-        problems += error.problems
-    changes, wrong = _changes(params_file)
-    problems += wrong
-    parts: list[Any] = []
-    for name, settings_class in NODES.items():
-        try:
-            shipped = config_file(f"{name}.yaml")
-            mapping = {**read_parameters_file(shipped, name), **changes.get(name, {})}
-            source = params_file if params_file is not None and name in changes else shipped
-            parts.append(settings_from_mapping(settings_class, mapping, source))
-        except SettingsError as error:
-            problems += error.problems
-    if problems:
-        raise SettingsError(problems)
-    world, driver, estimator, controlling = parts
     return RunPlan(
         scenario=chosen,
         rover=description,
         duration_s=chosen.duration_s if duration_s is None else duration_s,
-        world=replace(world, seed=seed),
-        driver=_strap_of(description, replace(driver, rover=rover_name)),
-        estimator=replace(estimator, rover=rover_name),
-        controller=replace(controlling, rover=rover_name, policy=controller),
+        world=parts["sim_bridge"],
+        driver=_simulated_strap(
+            description, parts["sim_bridge"], parts["strap_sensor_driver"], changes["strap_sensor_driver"]
+        ),
+        estimator=parts["soil_flow_estimator"],
+        controller=parts["traction_controller"],
     )
 
 
-def _changes(params_file: Path | None) -> tuple[dict[str, dict[str, object]], list[str]]:
-    """What a parameter file says to each node, and what is wrong with its sections."""
+def _changes(params_file: Path | None, problems: list[str]) -> dict[str, dict[str, object]]:
+    """What a parameter file says to each node; a `/**:` section speaks to the nodes that have the parameter."""
+    changes: dict[str, dict[str, object]] = {node: {} for node in NODES}
     if params_file is None:
-        return {}, []
+        return changes
     try:
         content = read_yaml(params_file)
     except SettingsError as error:
-        return {}, list(error.problems)
+        problems += error.problems
+        return changes
     if not isinstance(content, dict):
-        return {}, [f"{params_file}: {content!r} is no parameter file; give `<node>:` -> `ros__parameters:`"]
-    changes: dict[str, dict[str, object]] = {}
-    problems: list[str] = []
+        problems.append(f"{params_file}: {content!r} is no parameter file; give `<node>:` -> `ros__parameters:`")
+        return changes
     for section in content:
         node = str(section).removeprefix("/")
-        if node not in NODES:
+        if node not in NODES and node not in _EVERYBODY:
             problems.append(f"{params_file}: section {section!r} is no node; give one of {', '.join(NODES)}")
             continue
         try:
-            changes[node] = read_parameters_file(params_file, node)
+            said = read_parameters({section: content[section]}, node, params_file)
         except SettingsError as error:
             problems += error.problems
-    return changes, problems
+            continue
+        if node in NODES:
+            changes[node].update(said)
+        else:
+            _tell_everybody(said, changes, f"{params_file}: {section}", problems)
+    return changes
 
 
-def _strap_of(rover: RoverDescription, driver: StrapDriverParameters) -> StrapDriverParameters:
-    """The driver told of the straps the simulation glues on this rover's wheels (their length follows the radius)."""
+def _tell_everybody(
+    said: Mapping[str, object], changes: dict[str, dict[str, object]], where: str, problems: list[str]
+) -> None:
+    """Give each parameter to the nodes that have it, behind what a section of their own says."""
+    for key, value in said.items():
+        hearers = [
+            node for node, settings_class in NODES.items() if key in {item.name for item in fields(settings_class)}
+        ]
+        if not hearers:
+            problems.append(f"{where}: no node has a parameter {key!r} ({value!r}); remove it")
+        for node in hearers:
+            changes[node].setdefault(key, value)
+
+
+def _mappings(changes: Mapping[str, Mapping[str, object]], problems: list[str]) -> dict[str, dict[str, object]]:
+    """The shipped parameters of every node with the changes over them."""
+    mappings: dict[str, dict[str, object]] = {}
+    for name, settings_class in NODES.items():
+        defaults = settings_as_mapping(settings_class())
+        try:
+            shipped = read_parameters_file(config_file(f"{name}.yaml"), name)
+        except SettingsError as error:
+            problems += error.problems
+            shipped = {}
+        mappings[name] = {**defaults, **shipped, **changes[name]}
+    return mappings
+
+
+def _rover(
+    name: str,
+    is_asked: bool,
+    changes: Mapping[str, Mapping[str, object]],
+    mappings: Mapping[str, dict[str, object]],
+    problems: list[str],
+) -> RoverDescription | None:
+    """The one rover of the run, told to every node: asked for, or in the parameter file, or the scenario's."""
+    told = sorted({str(change["rover"]) for change in changes.values() if change.get("rover")})
+    if not is_asked and len(told) > 1:
+        problems.append(f"rover: the parameter file names {' and '.join(told)}; all nodes of a run have the same")
+    if not is_asked and told:
+        name = told[0]
+    for mapping in mappings.values():
+        mapping["rover"] = name
+    try:
+        return load_rover(name)
+    except SettingsError as error:
+        problems += error.problems
+        return None
+
+
+def _parts(
+    mappings: Mapping[str, Mapping[str, object]], params_file: Path | None, problems: list[str]
+) -> dict[str, Any]:
+    parts: dict[str, Any] = {}
+    for name, settings_class in NODES.items():
+        source = f"{name}.yaml" if params_file is None else f"{params_file}: {name}"
+        try:
+            parts[name] = settings_from_mapping(settings_class, mappings[name], source)
+        except SettingsError as error:
+            problems += error.problems
+    return parts
+
+
+def _check_rates(world: SimBridgeParameters, scenario: Scenario, problems: list[str]) -> None:
+    try:
+        _, telemetry_ns, _ = periods_ns(world, scenario)
+    except SettingsError as error:
+        problems += error.problems
+        return
+    if telemetry_ns != CYCLE_NS:
+        problems.append(
+            f"telemetry_rate_hz: {world.telemetry_rate_hz:g} Hz; a run looks at the world once per control period, "
+            f"give {NS / CYCLE_NS:g}"
+        )
+
+
+def _simulated_strap(
+    rover: RoverDescription,
+    world: SimBridgeParameters,
+    driver: StrapDriverParameters,
+    told: Mapping[str, object],
+) -> StrapDriverParameters:
+    """The driver told of the straps and boards of the simulation, but for what the parameter file says of them.
+
+    A strap's resistance follows the wheel's radius, that of the first wheel.
+    """
     resistance = strap_resistance_ohm(rover.wheels[0].radius_m)
-    ratio = resistance / driver.total_resistance_ohm
-    return replace(
-        driver,
-        total_resistance_ohm=resistance,
-        pull_down_a_ohm=ratio * driver.pull_down_a_ohm,
-        pull_down_b_ohm=ratio * driver.pull_down_b_ohm,
-    )
+    simulated: dict[str, Any] = {
+        "total_resistance_ohm": resistance,
+        "pull_down_a_ohm": world.pull_down_ratio * resistance,
+        "pull_down_b_ohm": world.pull_down_ratio * resistance,
+        "supply_v": world.supply_v,
+        "rate_hz": world.scan_rate_hz,
+        "osr": world.osr,
+        "baud": world.baud,
+    }
+    return replace(driver, **{name: value for name, value in simulated.items() if name not in told})

@@ -11,6 +11,7 @@ import numpy as np
 
 from missions.plan import RunPlan
 from missions.run_log import RunLog
+from sim_bridge.world import site_of
 from strap_rover import topics
 from strap_rover.arrays import FloatArray
 from strap_sensor_driver.contact_zone import ContactStatus
@@ -20,6 +21,8 @@ BURIED_ZONE_DEG = 80.0
 """Contact zone beyond which a wheel that no longer moves counts as buried."""
 MOVING_MPS = 0.02
 """Mean speed over the last two seconds below which the rover counts as standing."""
+START_S = 5.0
+"""A run shorter than this cannot be stuck: it has hardly started."""
 CLEAR_M = 1.0
 """How far beyond the snag's x the rover must come to count as having driven off."""
 
@@ -32,11 +35,13 @@ class Outcome(Enum):
     PASSED = "passed"
     """Still driving, and nothing held it."""
     BURIED = "buried"
-    """Stands, with a wheel in contact over more than 80 deg."""
+    """Stands, and a wheel was in contact over more than 80 deg, whatever the supervisor says."""
     STUCK = "stuck"
-    """Stands though asked to drive."""
+    """Stands with its wheels driven."""
     HALTED = "halted"
     """The supervisor gave up, or waits for a fault to go: the rover stands on purpose."""
+    UNDECIDED = "undecided"
+    """The run ended too soon to tell: starting, waiting after a stall, trying again, or not yet clear of the snag."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,13 +113,13 @@ def summarize(plan: RunPlan, log: RunLog) -> RunSummary:
     faults = np.unique(log.of_rover(topics.TRACTION_STATE, "fault").astype(int))
     status = log.of_wheels(topics.CONTACT_ANGLES, "status").astype(int)
     snag_x = float(x[np.argmax(load > load[0])]) if (load > load[0]).any() else None
-    outcome = _outcome(final_speed, float(zone.max()), mode_at_end, float(x[-1]), snag_x)
+    outcome = _outcome(final_speed, float(zone.max()), mode_at_end, float(x[-1]), snag_x, float(time_s[-1]))
     return RunSummary(
         scenario=plan.scenario.name,
         controller=plan.controller.policy,
         seed=plan.seed,
         duration_s=round(float(time_s[-1]), 6),
-        facts=dict(plan.scenario.build(plan.rover, _terrain_rng(plan)).facts),
+        facts=dict(site_of(plan.scenario, plan.rover, plan.seed).facts),
         outcome=outcome.value,
         distance_m=_rounded(x[-1] - x[0]),
         final_speed_mps=_rounded(final_speed),
@@ -165,22 +170,19 @@ def write_summary(summary: RunSummary, path: Path) -> None:
     path.write_text(summary.to_json(), encoding="utf-8")
 
 
-def _terrain_rng(plan: RunPlan) -> np.random.Generator:
-    """The generator the world drew its site from."""
-    ground, *_ = np.random.SeedSequence(plan.seed).spawn(2 + len(plan.rover.boards))
-    return np.random.default_rng(ground)
-
-
 def _outcome(
-    final_speed: float, largest_zone_deg: float, mode: TractionMode, x: float, snag_x: float | None
+    final_speed: float, largest_zone_deg: float, mode: TractionMode, x: float, snag_x: float | None, lasted_s: float
 ) -> Outcome:
     if final_speed < MOVING_MPS:
+        if largest_zone_deg > BURIED_ZONE_DEG:
+            return Outcome.BURIED
         if mode in {TractionMode.HALT, TractionMode.FAULT}:
             return Outcome.HALTED
-        return Outcome.BURIED if largest_zone_deg > BURIED_ZONE_DEG else Outcome.STUCK
+        is_driven = mode in {TractionMode.DRIVE, TractionMode.LIMIT}
+        return Outcome.STUCK if is_driven and lasted_s >= START_S else Outcome.UNDECIDED
     if snag_x is None:
         return Outcome.PASSED
-    return Outcome.DROVE_OFF if x > snag_x + CLEAR_M else Outcome.STUCK
+    return Outcome.DROVE_OFF if x > snag_x + CLEAR_M else Outcome.UNDECIDED
 
 
 def _true_zone_deg(log: RunLog) -> FloatArray:

@@ -38,7 +38,7 @@ class SimBridge(NodeShell[SimBridgeParameters]):
             self_ticking=self_ticking,
         )
         chosen = scenario or scenario_named(self.settings.scenario)
-        rover = load_rover(chosen.rover)
+        rover = load_rover(self.settings.rover or chosen.rover)
         if links is None:
             links = {board: ends[1] for board, ends in board_links(rover, self.settings).items()}
         self.world = world = World(rover, chosen, links, self.settings.seed, self.settings)

@@ -13,4 +13,7 @@ class SimBridgeParameters(SensorSettings):
     scenario: str = field(
         default="mars_snag", metadata={"doc": "what the rover meets", "choices": tuple(sorted(SCENARIOS))}
     )
+    rover: str = field(
+        default="", metadata={"doc": "rover description: a name in config/rovers or a path; empty: the scenario's own"}
+    )
     seed: int = field(default=0, metadata={"doc": "of terrain and noise", "min": 0, "max": 2**31 - 1})

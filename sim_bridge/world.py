@@ -13,15 +13,16 @@ import numpy as np
 
 from sim_bridge import plant as p
 from sim_bridge.plant import Plant
-from sim_bridge.scenarios import Scenario
+from sim_bridge.scenarios import Scenario, Site
 from sim_bridge.virtual_uno import VirtualUno
 from strap_rover.arrays import FloatArray, IntArray
 from strap_rover.rover import RoverDescription
+from strap_rover.settings import SettingsError, check_settings
 from strap_rover.telemetry import Attitude, BodyMotion, Suspension, WheelCommands, WheelStates
 from strap_sensor_driver.device_clock import scan_duration_us, transfer_time_us
 from strap_sensor_driver.frames import DATA_WIRE_BYTES
 from strap_sensor_driver.link import ByteLink, MemoryLink
-from strap_sensor_driver.strap import Strap, strap_resistance_ohm
+from strap_sensor_driver.strap import BEST_PULL_DOWN_RATIO, Strap, strap_resistance_ohm
 
 NS = 1_000_000_000
 _FULL_TURN = 2.0 * math.pi
@@ -40,7 +41,7 @@ class SensorSettings:
     osr: int = field(default=4, metadata={"doc": "samples summed per channel and scan", "min": 1, "max": 8})
     baud: int = field(default=115200, metadata={"doc": "line rate, for the transfer time", "min": 9600, "max": 1000000})
     pull_down_ratio: float = field(
-        default=0.577, metadata={"doc": "pull-down over strap resistance", "min": 0.05, "max": 20.0}
+        default=BEST_PULL_DOWN_RATIO, metadata={"doc": "pull-down over strap resistance", "min": 0.05, "max": 20.0}
     )
     supply_v: float = field(default=5.0, metadata={"doc": "strap and converter supply [V]", "min": 1.0, "max": 6.0})
     adc_noise_lsb: float = field(default=0.5, metadata={"doc": "1-sigma of a conversion", "min": 0.0, "max": 20.0})
@@ -53,6 +54,14 @@ class SensorSettings:
     position_noise_m: float = field(default=0.001, metadata={"doc": "odometry, 1-sigma", "min": 0.0, "max": 1.0})
     attitude_noise_rad: float = field(default=0.003, metadata={"doc": "pitch, 1-sigma", "min": 0.0, "max": 0.5})
     joint_noise_rad: float = field(default=0.002, metadata={"doc": "suspension, 1-sigma", "min": 0.0, "max": 0.5})
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        period_us = 1e6 / self.scan_rate_hz
+        if not scan_duration_us(self.osr) < period_us:
+            raise SettingsError([f"osr = {self.osr}: a scan takes {scan_duration_us(self.osr)} us; lower scan_rate_hz"])
+        if not transfer_time_us(self.baud, DATA_WIRE_BYTES) < period_us:
+            raise SettingsError([f"baud = {self.baud}: too slow for {self.scan_rate_hz:g} frames per second; raise it"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,6 +99,39 @@ def nominal_strap(radius_m: float, pull_down_ratio: float, supply_v: float) -> S
     return Strap(resistance, pull_down_ratio * resistance, pull_down_ratio * resistance, supply_v)
 
 
+def periods_ns(sensors: SensorSettings, scenario: Scenario) -> tuple[int, int, int]:
+    """Periods of strap scans, telemetry and ground truth [ns], each a multiple of the one before it.
+
+    The first is a multiple of the plant's step. Raises SettingsError naming every rate that does not fit.
+    """
+    problems: list[str] = []
+    periods: list[int] = []
+    unit_ns = round(scenario.plant.step_s * NS)
+    for name in ("scan_rate_hz", "telemetry_rate_hz", "truth_rate_hz"):
+        period_ns = round(NS / getattr(sensors, name))
+        if period_ns % unit_ns:
+            rate = getattr(sensors, name)
+            problems.append(f"{name}: {rate:g} Hz does not fit; its period must be a multiple of {unit_ns / 1e6:g} ms")
+        else:
+            unit_ns = period_ns
+        periods.append(period_ns)
+    if problems:
+        raise SettingsError(problems)
+    scan_ns, telemetry_ns, truth_ns = periods
+    return scan_ns, telemetry_ns, truth_ns
+
+
+def site_of(scenario: Scenario, rover: RoverDescription, seed: int) -> Site:
+    """The ground that scenario and seed make for a rover."""
+    ground, *_ = _seeds(rover, seed)
+    return scenario.build(rover, np.random.default_rng(ground))
+
+
+def _seeds(rover: RoverDescription, seed: int) -> list[np.random.SeedSequence]:
+    """Independent sources for the ground, the telemetry's noise and each board, in this order."""
+    return np.random.SeedSequence(seed).spawn(2 + len(rover.boards))
+
+
 class World:
     """A rover in a scenario. Seed, scenario and commands determine everything it ever says."""
 
@@ -107,8 +149,8 @@ class World:
         missing = [board for board in rover.boards if board not in links]
         if missing:
             raise ValueError(f"no link for board(s) {missing} of rover {rover.name!r}: hand in one per board")
-        ground, look, *boards = np.random.SeedSequence(seed).spawn(2 + len(rover.boards))
-        self.site = scenario.build(rover, np.random.default_rng(ground))
+        _, look, *boards = _seeds(rover, seed)
+        self.site = site_of(scenario, rover, seed)
         self.plant = Plant(rover, self.site.terrain, scenario.plant, self.site.snag)
         self._rng = np.random.default_rng(look)
         self._offsets = np.array([w.strap_offset_rad for w in rover.wheels]) - _THREE_QUARTERS
@@ -118,9 +160,7 @@ class World:
             for board, source in zip(rover.boards, boards, strict=True)
         ]
         self._step_ns = round(scenario.plant.step_s * NS)
-        self._scan_ns = self._multiple("scan_rate_hz", self.sensors.scan_rate_hz, self._step_ns)
-        self.period_ns = self._multiple("telemetry_rate_hz", self.sensors.telemetry_rate_hz, self._scan_ns)
-        self._truth_ns = self._multiple("truth_rate_hz", self.sensors.truth_rate_hz, self.period_ns)
+        self._scan_ns, self.period_ns, self._truth_ns = periods_ns(self.sensors, scenario)
         self._half_scan_us = scan_duration_us(self.sensors.osr) // 2
         self._axle_span = self._suspension_geometry()
         self._wheel_x = [wheel.x_m for wheel in rover.wheels]
@@ -237,23 +277,22 @@ class World:
         fallback = next(iter(wheels.values()))
         return np.array([wheels.get(channel, fallback) for channel in range(3)], dtype=np.int64)
 
-    @staticmethod
-    def _multiple(name: str, rate_hz: float, of_ns: int) -> int:
-        period = round(NS / rate_hz)
-        if period % of_ns:
-            raise ValueError(f"{name} = {rate_hz:g} Hz does not fit: its period must be a multiple of {of_ns} ns")
-        return period
-
     def _suspension_geometry(self) -> list[tuple[int, int, int]]:
-        """(front, middle, rear) wheel indices per side, left then right, for a rocker-bogie of four joints."""
-        if len(self.rover.suspension_joints) != 4 or len(self.rover.wheels) != 6:
+        """(front, middle, rear) wheel indices per side, left then right; empty without suspension joints."""
+        joints, wheels = self.rover.suspension_joints, self.rover.wheels
+        if not joints:
             return []
-        sides = []
-        for left in (True, False):
-            side = [i for i, w in enumerate(self.rover.wheels) if (w.y_m > 0.0) == left]
-            side.sort(key=lambda i: -self.rover.wheels[i].x_m)
-            sides.append((side[0], side[1], side[2]))
-        return sides
+        sides = [
+            sorted((i for i, wheel in enumerate(wheels) if (wheel.y_m > 0.0) == left), key=lambda i: -wheels[i].x_m)
+            for left in (True, False)
+        ]
+        if len(joints) != 4 or [len(side) for side in sides] != [3, 3]:
+            raise ValueError(
+                f"rover {self.rover.name!r}: suspension_joints are simulated for rocker and bogie of three wheels per "
+                f"side, left then right, not for {len(joints)} joints on {len(sides[0])} + {len(sides[1])} wheels; "
+                "leave the list empty"
+            )
+        return [(front, middle, rear) for front, middle, rear in sides]
 
     def _suspension_angles(self, pitch: float, heights: list[float], noise: list[float]) -> FloatArray:
         """Rocker and bogie of each side [rad], from the wheels' heights, relative to the body."""

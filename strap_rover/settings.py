@@ -187,7 +187,11 @@ def read_parameters_file(path: str | Path, node_name: str) -> dict[str, object]:
     Raises:
         SettingsError: unreadable file, bad YAML, no section for this node, or one without `ros__parameters`.
     """
-    content = read_yaml(path)
+    return read_parameters(read_yaml(path), node_name, path)
+
+
+def read_parameters(content: object, node_name: str, path: str | Path) -> dict[str, object]:
+    """As `read_parameters_file`, from what was read of the file; `path` says in the messages which one it was."""
     if not isinstance(content, dict):
         raise SettingsError(
             [f"{path}: must be a mapping `/**:` or `{node_name}:` -> `ros__parameters:`, not {content!r}"]

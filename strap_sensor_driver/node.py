@@ -48,6 +48,7 @@ class StrapSensorDriver(NodeShell[StrapDriverParameters]):
             remedy_text = "this version reads boards through memory only, inside `strap_rover demo`, not by serial line"
             raise SettingsError([f"{problem}; {remedy_text}"])
         self._links = [links[board] for board in self._reader.board_ids]
+        self._wheel_names = rover.wheel_names
         self._messages = StrapMessages(rover.wheel_names)
         telemetry = JointTelemetry(topics.WHEEL_STATES.name, rover.wheel_names)
         self.listen(topics.WHEEL_STATES, lambda m: self._reader.feed_wheel_states(telemetry.wheel_states(m)))
@@ -85,7 +86,7 @@ class StrapSensorDriver(NodeShell[StrapDriverParameters]):
                 {"status": wheel.status.name, "faults": wheel.faults}
                 | {status.name.lower(): count for status, count in wheel.scans.items()},
             )
-            for name, wheel in zip(load_rover(self.settings.rover).wheel_names, health.wheels, strict=True)
+            for name, wheel in zip(self._wheel_names, health.wheels, strict=True)
         ]
         return [*boards, *wheels]
 

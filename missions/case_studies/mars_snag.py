@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
@@ -35,7 +36,7 @@ _POLL_S = 0.2
 _COLUMNS = {
     "controller": "controller",
     "runs": "runs",
-    **{outcome.value: outcome.value for outcome in Outcome if outcome is not Outcome.PASSED},
+    **{outcome.value: outcome.value for outcome in Outcome if outcome is not Outcome.PASSED},  # a member has its snag
     "sinkage_median_mm": "median mm",
     "sinkage_p90_mm": "p90 mm",
 }
@@ -122,7 +123,7 @@ def run_study(folder: Path, runs: int, console: Console, stopped: Callable[[], b
     (folder / "summary.json").write_text(json.dumps(tabulate(results), indent=2) + "\n", encoding="utf-8")
     for table in family_tables(results):
         console.print(table)
-    console.print(f"every run: {folder / 'runs.json'}")
+    console.print(f"every run: {escape(str(folder / 'runs.json'))}")
     return len(results) == len(jobs)
 
 

@@ -12,6 +12,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 from mcap.records import MessageIndex
+from rich.markup import escape
 from rich.table import Table
 
 from strap_rover.flight_recorder.bag_format import (
@@ -166,7 +167,7 @@ def _iterate(files: tuple[Path, ...], topics: list[str] | None) -> Iterator[BagM
 def info_table(summary: BagSummary) -> Table:
     """A table of the topics, one row each, for the terminal."""
     table = Table(
-        title=f"{summary.path}: {summary.message_count} messages, {summary.duration_s:.3f} s,"
+        title=f"{escape(str(summary.path))}: {summary.message_count} messages, {summary.duration_s:.3f} s,"
         f" {summary.size_bytes / 1e6:.3f} MB in {len(summary.files)} file(s)"
     )
     for heading, justify in (
@@ -178,7 +179,7 @@ def info_table(summary: BagSummary) -> Table:
         ("last [s]", "right"),
         ("QoS", "left"),
     ):
-        table.add_column(heading, justify="right" if justify == "right" else "left")
+        table.add_column(heading, justify="right" if justify == "right" else "left", overflow="fold")
     start_ns = summary.first_ns or 0
     for row in summary.topics:
         empty = row.first_ns is None or row.last_ns is None

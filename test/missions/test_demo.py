@@ -35,7 +35,7 @@ def test_the_result_is_told_in_words(demonstrated, capsys):
 
     print_result(demonstrated.result, Console(width=200))
     text = capsys.readouterr().out
-    for part in ("drove off", "RETRY", "snag of 600 N catches", "rms error 0.2", "bag", "run.png", "summary.json"):
+    for part in ("drove off", "RETRY", "snag of 600 N catches", "rms error 0.1", "bag", "run.png", "summary.json"):
         assert part in text
     assert "stopped early" not in text
     print_result(replace(demonstrated.result, complete=False), Console(width=200))
