@@ -1,117 +1,21 @@
-"""The `strap_rover` command. Exit codes: 0 done, 1 failed, 2 asked wrongly, 130 stopped early with what is done."""
+"""The `strap_rover` command: takes over the signals first, then imports what takes a second to import, then runs."""
 
-import argparse
 import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
-from rich.console import Console
-
-import strap_rover
-from missions.plan import CONTROLLERS, plan_run
 from missions.stop_request import StopRequest
-from sim_bridge.scenarios import SCENARIOS
-from strap_rover.flight_recorder.bag_format import BagError
-from strap_rover.installed_data import InstalledDataError
-from strap_rover.settings import SettingsError
-
-EXIT_OK, EXIT_FAILED, EXIT_ASKED_WRONGLY, EXIT_STOPPED = 0, 1, 2, 130
-STUDIES = ("mars_snag",)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; the exit code."""
-    options = _parser().parse_args(arguments)
-    command: Callable[[argparse.Namespace, Console, StopRequest], int] = options.command
-    try:
-        with StopRequest() as stop:
-            return command(options, Console(), stop)
-    except (SettingsError, InstalledDataError) as error:
-        return _complain(error, EXIT_ASKED_WRONGLY)
-    except BagError as error:
-        return _complain(error, EXIT_FAILED)
-    except OSError as error:
-        return _complain(f"{error.filename or 'system'}: {error.strerror or error}", EXIT_FAILED)
-    except KeyboardInterrupt:
-        return _complain("stopped", EXIT_STOPPED)
+    """Run the command; the exit code, as `missions.commands` lists them."""
+    with StopRequest() as stop:
+        try:
+            from missions.commands import run_command  # noqa: PLC0415 - a Ctrl-C while importing must not show a traceback
 
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="strap_rover", description="Keeps a rover's wheels from digging themselves into sand."
-    )
-    parser.add_argument("--version", action="version", version=f"strap_rover {strap_rover.__version__}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-
-    demo = commands.add_parser("demo", help="drive a simulated rover through the whole graph, recording everything")
-    meanings = "; ".join(f"{name}: {scenario.meaning}" for name, scenario in sorted(SCENARIOS.items()))
-    demo.add_argument("--scenario", metavar="NAME", help=f"{meanings} (default mars_snag)")
-    demo.add_argument("--controller", metavar="NAME", help=f"{', '.join(CONTROLLERS)} (default soil_flow)")
-    demo.add_argument("--seed", type=int, help="of terrain and sensor noise (default 0)")
-    demo.add_argument("--duration", type=float, metavar="S", help="simulated seconds (default: the scenario's)")
-    demo.add_argument("--out", type=Path, metavar="DIR", help="empty folder for bag, summary.json, run.png")
-    demo.add_argument("--params-file", type=Path, metavar="FILE", help="ROS parameter file over the shipped config/")
-    demo.add_argument("--rover", metavar="NAME", help="a rover of config/rovers or a YAML file of your own")
-    demo.set_defaults(command=_demo)
-
-    bag = commands.add_parser("bag", help="look at recorded bags").add_subparsers(required=True, metavar="COMMAND")
-    info = bag.add_parser("info", help="topics, counts, rates and times of a bag")
-    info.add_argument("bag", type=Path, metavar="DIR", help="bag folder or .mcap file")
-    info.set_defaults(command=_bag_info)
-
-    study = commands.add_parser("case_study", help="many runs of one question, as a table")
-    study.add_argument("study", choices=("all", *STUDIES), metavar="NAME", help=f"all, {', '.join(STUDIES)}")
-    study.add_argument("--out", type=Path, metavar="DIR", help="empty folder for the results")
-    study.add_argument("--runs", type=int, metavar="N", help="randomised members of the family")
-    study.add_argument("--short", action="store_true", help="a few runs only, to see that it works")
-    study.set_defaults(command=_case_study)
-    return parser
-
-
-def _demo(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:
-    from missions.demo import OutputFolderError, output_folder, print_result, run_demo  # noqa: PLC0415 - ROS is slow
-    from missions.lockstep import LockstepError  # noqa: PLC0415
-
-    plan = plan_run(
-        options.scenario, options.controller, options.seed, options.duration, options.params_file, options.rover
-    )
-    try:
-        folder = output_folder(options.out, f"demo-{plan.scenario.name}-{plan.controller.policy}")
-        result = run_demo(plan, folder, console, stop)
-    except OutputFolderError as error:
-        return _complain(error, EXIT_ASKED_WRONGLY)
-    except (LockstepError, ValueError) as error:
-        if isinstance(error, BagError):
-            raise
-        return _complain(error, EXIT_FAILED)
-    print_result(result, console)
-    return EXIT_OK if result.complete else EXIT_STOPPED
-
-
-def _bag_info(options: argparse.Namespace, console: Console, _stop: StopRequest) -> int:
-    from strap_rover.flight_recorder.bag_reader import info_table, read_bag_summary  # noqa: PLC0415 - only needed here
-
-    console.print(info_table(read_bag_summary(options.bag)))
-    return EXIT_OK
-
-
-def _case_study(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:
-    from missions.case_studies.mars_snag import run_study  # noqa: PLC0415 - only needed here
-    from missions.demo import OutputFolderError, output_folder  # noqa: PLC0415
-
-    if options.runs is not None and not 1 <= options.runs <= 100_000:
-        return _complain(f"--runs {options.runs}: give a whole number from 1 to 100000", EXIT_ASKED_WRONGLY)
-    runs = options.runs or (2 if options.short else 50)
-    try:
-        folder = output_folder(options.out, "case_study-mars_snag")
-    except OutputFolderError as error:
-        return _complain(error, EXIT_ASKED_WRONGLY)
-    return EXIT_OK if run_study(folder, runs, console, stop) else EXIT_STOPPED
-
-
-def _complain(error: object, code: int) -> int:
-    sys.stderr.write(f"strap_rover: {error}\n")
-    return code
+            return run_command(arguments, stop)
+        except KeyboardInterrupt:
+            sys.stderr.write("strap_rover: stopped\n")
+            return 130
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import pytest
 from nav_msgs.msg import Odometry
 
 import strap_rover
+from missions import lockstep
 from missions.command_line import main
 from strap_rover.flight_recorder.bag_reader import iterate_messages, read_bag_summary
 
@@ -160,6 +161,39 @@ def test_a_case_study_wants_a_sane_number_of_runs_and_an_empty_folder(tmp_path, 
     assert "is not empty" in refused("case_study", "mars_snag", "--runs", 1, "--out", tmp_path)
 
 
+@pytest.mark.xfail(strict=True, reason="with no cycle done, summing up fails and the code is 1")
+def test_a_signal_before_the_first_cycle_is_a_stop_too(tmp_path, monkeypatch, capsys):
+    plain = lockstep.LockstepGraph.__init__
+
+    def signalling(self, *args):
+        plain(self, *args)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(lockstep.LockstepGraph, "__init__", signalling)
+    assert main(["demo", "--duration", "30", "--out", str(tmp_path)]) == 130
+
+
+def test_a_second_signal_does_not_wait(tmp_path, monkeypatch, capsys):
+    plain = lockstep.LockstepGraph.step
+
+    def signalling(self):
+        plain(self)
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(lockstep.LockstepGraph, "step", signalling)
+    assert main(["demo", "--duration", "30", "--out", str(tmp_path)]) == 130
+    assert capsys.readouterr().err == "strap_rover: stopped\n"
+    assert messages_in(tmp_path / "bag") > 5
+
+
+def messages_in(bag):
+    """Messages of a whole bag: each one is read, and the index says the same number."""
+    count = sum(1 for _ in iterate_messages(bag))
+    assert read_bag_summary(bag).message_count == count
+    return count
+
+
 def in_the_middle_of(monkeypatch, number, where):
     """Raise signal `number` once, while the file `where` makes its 100th Odometry."""
     plain, calls = Odometry.__init__, [0]
@@ -192,4 +226,4 @@ def test_a_signal_anywhere_in_a_run_keeps_what_is_done(tmp_path, capsys, monkeyp
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert 0.2 < summary["duration_s"] < 3.0
     assert (tmp_path / "run.png").exists()
-    assert sum(1 for _ in iterate_messages(tmp_path / "bag")) == read_bag_summary(tmp_path / "bag").message_count
+    assert messages_in(tmp_path / "bag") > 500

@@ -97,13 +97,25 @@ def test_a_graph_may_be_closed_twice(make_plan, tmp_path):
     assert read_bag_summary(tmp_path / "bag").message_count > 10
 
 
-def test_an_interrupt_keeps_what_is_done(make_plan, tmp_path):
-    def interrupt(done):
-        if done == 20:
-            raise KeyboardInterrupt
+def test_a_run_that_is_stopped_keeps_what_is_done(make_plan, tmp_path):
+    asked = []
 
-    assert run_lockstep(make_plan(), tmp_path / "bag", interrupt) == 20
-    assert read_bag_summary(tmp_path / "bag").topic("/clock").message_count == 20
+    def stopped():
+        asked.append(True)
+        return len(asked) > 20
+
+    assert run_lockstep(make_plan(), tmp_path / "bag", None, stopped) == 20
+    summary = read_bag_summary(tmp_path / "bag")
+    assert summary.topic("/clock").message_count == summary.topic("/wheel_commands").message_count == 20
+
+
+def test_an_error_on_the_way_closes_the_bag(make_plan, tmp_path):
+    def fail(done):
+        raise RuntimeError(f"after {done}")
+
+    with pytest.raises(RuntimeError, match="after 10"):
+        run_lockstep(make_plan(), tmp_path / "bag", fail)
+    assert read_bag_summary(tmp_path / "bag").topic("/clock").message_count == 10
 
 
 def test_a_message_that_never_arrives_ends_the_run_with_topic_node_and_counts(make_plan, tmp_path, monkeypatch):
