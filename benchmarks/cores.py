@@ -98,7 +98,7 @@ def tick() -> Row:
 def strap_reader() -> Row:
     """What reads: 4 frames of 3 straps each decoded, turned into contact zones, and one tick, per control period.
 
-    In the same runs as `tick` is measured in. The ratio is the 99th percentile's share of the 10 ms period.
+    In runs like those of `tick`. The ratio is the 99th percentile's share of the 10 ms period.
     """
     plan = plan_run("mars_snag")
     drive(plan, 2.0)

@@ -23,8 +23,9 @@ _INTRODUCTION = (
     """How fast is each part, beside something named that ran in the same minutes on the same machine? Ratios are
 what is judged: an absolute time says more about the machine than about the code, and is given for
 information only. A ratio is the median of several rounds, in brackets its range; ours and the reference run
-by turns, so that other work on the machine slows both. A goal that is missed is reported, not hidden, and
-fails nothing.""",
+by turns, so that other work on the machine slows both: on a shared virtual machine the same code was seen to run
+at half its speed a few minutes later, at the same ratio. A goal that is missed is reported, not hidden, and fails
+nothing.""",
 )
 _WARM = """Compiled kernels are warm: each benchmark runs once before it is timed. What compiling costs on the very
 first start of a fresh installation is not in these numbers."""
