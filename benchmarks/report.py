@@ -33,7 +33,7 @@ _REPEATING = """`make bench` runs all (a few minutes); `python -m benchmarks NAM
 that begin with it. Use a machine that does nothing else. To measure RoverDevKit (MIT licence,
 <https://github.com/Autonomous-Mission-Systems-Lab/roverdevkit>) side by side, check it out somewhere and set
 `ROVERDEVKIT_PATH` to that folder; nothing of it is part of this package. Without it an earlier measurement
-is quoted."""
+is quoted and the goal not judged."""
 _HEAD = ("benchmark", "what is compared", "ours", "reference", "ratio (range)", "goal", "met")
 
 
