@@ -100,9 +100,9 @@ class SoilEstimatorHealth:
     """Counts since construction."""
 
     rejected_records: int
-    """Records with a wrong shape, numbers that are not finite, or a stamp older than the one before."""
+    """Records with a wrong shape, numbers that are not finite, or a stamp before the last one or in the future."""
     late_ticks: int
-    """Ticks without an answer, because an input was too old."""
+    """Ticks without an answer, because an input was too old or from the future."""
     static_readings: int
     """Readings of single wheels that went into a static estimate."""
     wheels_estimated: int
@@ -175,9 +175,35 @@ def _solved_grid(wheel: Wheel, load: float) -> FloatArray:
     return grid
 
 
-class _Stamped(Protocol):
+class Stamped(Protocol):
+    """A record with the time it is of."""
+
     @property
-    def stamp_ns(self) -> int: ...
+    def stamp_ns(self) -> int:
+        """Time [ns] the record is of."""
+
+
+def is_late(record: Stamped | None, now_ns: int, timeout_s: float) -> bool:
+    """Whether nothing can be said from a record now: none came, or its stamp is off by more than the time-out.
+
+    A stamp of the future is as bad as an old one: after a step of a clock nobody knows how old the record is.
+    """
+    return record is None or abs(now_ns - record.stamp_ns) > timeout_s * 1e9
+
+
+def is_in_order(record: Stamped, before: Stamped | None, last_tick_ns: int | None, timeout_s: float) -> bool:
+    """Whether a record may follow the one before: not older, and not ahead of the last tick by more than the time-out.
+
+    `before` counts only while it is not itself that far ahead: so a clock that steps back is followed from the first
+    tick after the step. Before the first tick (None) there is no now, and any stamp that is not older will do.
+    """
+    if last_tick_ns is not None:
+        latest_ns = last_tick_ns + timeout_s * 1e9
+        if record.stamp_ns > latest_ns:
+            return False
+        if before is not None and before.stamp_ns > latest_ns:
+            return True
+    return before is None or record.stamp_ns >= before.stamp_ns
 
 
 class SoilEstimator:
@@ -201,6 +227,7 @@ class SoilEstimator:
         self._attitude: Attitude | None = None
         self._suspension: Suspension | None = None
         self._direction = 1.0
+        self._last_tick_ns: int | None = None
 
         self._anchor: FloatArray | None = None  # encoder where the average began
         self._readings = np.zeros(count, dtype=np.int64)
@@ -252,11 +279,11 @@ class SoilEstimator:
         Args:
             now_ns: time now [ns].
         """
+        self._last_tick_ns = now_ns
         angles, states, motion = self._angles, self._wheel_states, self._body_motion
         if angles is None or states is None or motion is None:
             return None
-        oldest = min(angles.stamp_ns, states.stamp_ns, motion.stamp_ns)
-        if now_ns - oldest > self._settings.input_timeout_s * 1e9:
+        if any(is_late(record, now_ns, self._settings.input_timeout_s) for record in (angles, states, motion)):
             self._late_ticks += 1
             return None
         slip, slip_std = self._slip(states, motion)
@@ -300,10 +327,10 @@ class SoilEstimator:
         )
 
     def _is_good(
-        self, record: _Stamped, before: _Stamped | None, wheels: tuple[FloatArray | IntArray, ...], numbers: float = 0.0
+        self, record: Stamped, before: Stamped | None, wheels: tuple[FloatArray | IntArray, ...], numbers: float = 0.0
     ) -> bool:
         """In order of time, arrays `wheels` one value per wheel, everything finite (`numbers`: a sum of scalars)."""
-        in_order = before is None or record.stamp_ns >= before.stamp_ns
+        in_order = is_in_order(record, before, self._last_tick_ns, self._settings.input_timeout_s)
         whole = all(array.shape == self._radius.shape and math.isfinite(array.sum()) for array in wheels)
         if in_order and whole and math.isfinite(numbers):
             return True

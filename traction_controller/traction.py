@@ -3,11 +3,10 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
-from soil_flow_estimator.soil_estimator import travel_angles
+from soil_flow_estimator.soil_estimator import Stamped, is_in_order, is_late, travel_angles
 from soil_flow_estimator.soil_state import SoilState, SoilStatus
 from strap_rover.arrays import BoolArray, FloatArray, IntArray
 from strap_rover.rover import RoverDescription
@@ -130,7 +129,7 @@ class TractionHealth:
     fault_entries: dict[str, int]
     """How often each fault began."""
     rejected_records: int
-    """Records with a wrong shape, numbers that are not finite, or a stamp older than the one before."""
+    """Records with a wrong shape, numbers that are not finite, or a stamp before the last one or in the future."""
     faulty_readings: int
     """Straps read with a fault, wheel by wheel."""
     stalls: int
@@ -146,15 +145,6 @@ class _Limits:
     omega_max: FloatArray
     wanted: FloatArray
     limited: BoolArray
-
-
-class _Stamped(Protocol):
-    @property
-    def stamp_ns(self) -> int: ...
-
-
-def _is_late(record: _Stamped | None, now_ns: int, timeout_s: float) -> bool:
-    return record is None or now_ns - record.stamp_ns > timeout_s * 1e9
 
 
 class TractionController:
@@ -182,6 +172,7 @@ class TractionController:
         self._supervisor = Supervisor(settings.wait_s, settings.retries_max, settings.free_distance_m)
         self._stall_watch = StallWatch(self._radius, settings.stall_rim_travel_m, settings.stall_progress_m)
         self._hold_ns = round(settings.sensor_hold_s * 1e9)
+        self._lead_ns = round(settings.sensor_timeout_s * 1e9)
         self._is_held = False
         self._fault = Fault.NONE
         self._fault_entries = dict.fromkeys((fault.name for fault in Fault if fault is not Fault.NONE), 0)
@@ -219,7 +210,8 @@ class TractionController:
 
     def feed_contact_angles(self, angles: ContactAngles) -> None:
         """Take contact angles; a strap that reads with a fault keeps its last usable angles."""
-        if not self._is_good(angles, self._angles, (angles.theta_1, angles.theta_2, angles.status)):
+        of_wheels = (angles.theta_1, angles.theta_2, angles.status)
+        if not self._is_good(angles, self._angles, self._settings.sensor_timeout_s, of_wheels):
             return
         self._angles = angles
         in_air = angles.status == ContactStatus.NO_CONTACT
@@ -232,27 +224,28 @@ class TractionController:
 
     def feed_wheel_states(self, states: WheelStates) -> None:
         """Take encoders; the angles tell how far the rims went."""
-        if self._is_good(states, self._wheel_states, (states.angle,)):
+        if self._is_good(states, self._wheel_states, self._settings.encoder_timeout_s, (states.angle,)):
             self._wheel_states = states
 
     def feed_body_motion(self, motion: BodyMotion) -> None:
         """Take odometry; its speed is what slip is measured against."""
         before = self._body_motion
-        if not self._is_good(motion, before, (), motion.speed):
+        timeout_s = self._settings.odometry_timeout_s
+        if not self._is_good(motion, before, timeout_s, (), motion.speed):
             return
         if before is not None:
-            step_s = (motion.stamp_ns - before.stamp_ns) * 1e-9
-            self._advance_m += 0.5 * (before.speed + motion.speed) * min(step_s, self._settings.odometry_timeout_s)
+            step_s = max((motion.stamp_ns - before.stamp_ns) * 1e-9, 0.0)  # 0 where a clock stepped back
+            self._advance_m += 0.5 * (before.speed + motion.speed) * min(step_s, timeout_s)
         self._body_motion = motion
 
     def feed_soil_state(self, soil: SoilState) -> None:
         """Take the soil estimate: its slip limit may tighten the band, never widen it."""
-        if self._is_good(soil, self._soil_state, (soil.slip_max, soil.status)):
+        if self._is_good(soil, self._soil_state, self._settings.soil_state_timeout_s, (soil.slip_max, soil.status)):
             self._soil_state = soil
 
     def feed_speed_request(self, request: SpeedRequest) -> None:
         """Take what the operator asks for."""
-        if not self._is_good(request, self._request, (), request.speed):
+        if not self._is_good(request, self._request, self._settings.command_timeout_s, (), request.speed):
             return
         self._request = request
         direction = math.copysign(1.0, request.speed) if request.speed else self._direction
@@ -264,7 +257,7 @@ class TractionController:
         """Decide for this moment. Without inputs every wheel is commanded to stand.
 
         Args:
-            now_ns: time now [ns], not before the last tick.
+            now_ns: time now [ns]. Before the last tick only where the clock was set back.
         """
         fault = self._find_fault(now_ns)
         if fault is not self._fault and fault is not Fault.NONE:
@@ -305,10 +298,15 @@ class TractionController:
         )
 
     def _is_good(
-        self, record: _Stamped, before: _Stamped | None, wheels: tuple[FloatArray | IntArray, ...], number: float = 0.0
+        self,
+        record: Stamped,
+        before: Stamped | None,
+        timeout_s: float,
+        wheels: tuple[FloatArray | IntArray, ...],
+        number: float = 0.0,
     ) -> bool:
         """In order of time, arrays `wheels` one value per wheel, everything finite."""
-        in_order = before is None or record.stamp_ns >= before.stamp_ns
+        in_order = is_in_order(record, before, self._last_tick_ns, timeout_s)
         whole = all(array.shape == self._radius.shape and math.isfinite(array.sum()) for array in wheels)
         if in_order and whole and math.isfinite(number):
             return True
@@ -317,21 +315,21 @@ class TractionController:
 
     def _find_fault(self, now_ns: int) -> Fault:
         settings = self._settings
-        if _is_late(self._angles, now_ns, settings.sensor_timeout_s):
+        if is_late(self._angles, now_ns, settings.sensor_timeout_s):
             return Fault.SENSOR_LATE
-        if _is_late(self._body_motion, now_ns, settings.odometry_timeout_s):
+        if is_late(self._body_motion, now_ns, settings.odometry_timeout_s):
             return Fault.ODOMETRY_LATE
-        if _is_late(self._wheel_states, now_ns, settings.encoder_timeout_s):
+        if is_late(self._wheel_states, now_ns, settings.encoder_timeout_s):
             return Fault.WHEEL_STATES_LATE
         if int(np.count_nonzero(self._blind(now_ns))) > settings.blind_wheels_max:
             return Fault.SENSOR_FAULT
-        if self._request is not None and _is_late(self._request, now_ns, settings.command_timeout_s):
+        if self._request is not None and is_late(self._request, now_ns, settings.command_timeout_s):
             return Fault.COMMAND_LATE
         return Fault.NONE
 
     def _blind(self, now_ns: int) -> BoolArray:
-        """True for wheels whose strap has been faulty for longer than the hold time."""
-        blind: BoolArray = self._usable_ns < now_ns - self._hold_ns
+        """True for wheels whose strap has been faulty for longer than the hold time, or who knows since when."""
+        blind: BoolArray = (self._usable_ns < now_ns - self._hold_ns) | (self._usable_ns > now_ns + self._lead_ns)
         return blind
 
     def _supervise(self, now_ns: int, fault: Fault, limited: bool) -> TractionMode:
@@ -381,7 +379,7 @@ class TractionController:
             entry, leave = np.where(blind, 0.0, entry), np.where(blind, 0.0, leave)
         soil = self._soil_state
         slip_bound = None
-        if soil is not None and not _is_late(soil, now_ns, settings.soil_state_timeout_s):
+        if soil is not None and not is_late(soil, now_ns, settings.soil_state_timeout_s):
             slip_bound = np.where(soil.status == SoilStatus.NO_DATA, settings.slip_cap, soil.slip_max)
         return speed_band(
             speed,

@@ -24,6 +24,7 @@ WHEEL = Wheel(0.25, 0.40)
 LOAD = ROVER.vertical_load_n / 6.0
 ONES = np.ones(6)
 MS = 1_000_000
+DAY_NS = 86_400_000 * MS
 
 
 class Bench:
@@ -41,6 +42,7 @@ class Bench:
         self.angle_std = 0.0075
         self.status = np.zeros(6, dtype=np.int64)
         self.silent = set()
+        self.lead_ns = {}
 
     def stand_on(self, de, load=LOAD):
         half = 0.5 * np.asarray(static_contact_zone(WHEEL, soil_from_de_st(de, 0.5), load))
@@ -53,15 +55,19 @@ class Bench:
     def tick(self):
         self.now_ns += 10 * MS
         self.angle = self.angle + 0.01 * self.omega
-        e, now = self.estimator, self.now_ns
+        e = self.estimator
         std = self.angle_std * ONES
         if "wheels" not in self.silent:
-            e.feed_wheel_states(WheelStates(now, self.angle, self.omega, np.zeros(6)))
+            e.feed_wheel_states(WheelStates(self.stamp("wheels"), self.angle, self.omega, np.zeros(6)))
         if "odometry" not in self.silent:
-            e.feed_body_motion(BodyMotion(now, 0.0, 0.0, 0.0, self.speed, self.speed_std))
+            e.feed_body_motion(BodyMotion(self.stamp("odometry"), 0.0, 0.0, 0.0, self.speed, self.speed_std))
         if "angles" not in self.silent:
-            e.feed_contact_angles(ContactAngles(now, self.theta_1, self.theta_2, std, std, self.status))
-        return e.tick(now)
+            stamp_ns = self.stamp("angles")
+            e.feed_contact_angles(ContactAngles(stamp_ns, self.theta_1, self.theta_2, std, std, self.status))
+        return e.tick(self.now_ns)
+
+    def stamp(self, name):
+        return self.now_ns + self.lead_ns.get(name, 0)
 
     def run(self, seconds):
         for _ in range(round(seconds * 100)):
@@ -335,6 +341,42 @@ def test_nothing_is_said_without_every_input_or_with_an_old_one(missing):
     assert bench.run(0.2) is not None
     assert bench.tick() is None
     assert bench.estimator.health().late_ticks == 1
+
+
+@pytest.mark.parametrize("early", ["angles", "wheels", "odometry"])
+@pytest.mark.parametrize("ticks_before", [0, 5])
+def test_one_stamp_of_tomorrow_does_not_switch_the_time_out_off(early, ticks_before):
+    bench = Bench()
+    for _ in range(ticks_before):
+        bench.tick()
+    bench.lead_ns = {early: DAY_NS}
+    bench.tick()
+    bench.lead_ns = {}
+    bench.silent = {early}
+    for _ in range(40):
+        state = bench.tick()
+    assert state is None
+    bench.silent = set()
+    assert bench.tick() is not None
+    assert bench.estimator.health().rejected_records == (1 if ticks_before else 0)
+
+
+def test_stamps_ahead_by_less_than_the_time_out_are_as_good_as_any():
+    bench = Bench()
+    bench.lead_ns = dict.fromkeys(("angles", "wheels", "odometry"), 150 * MS)
+    for _ in range(20):
+        assert bench.tick() is not None
+    assert bench.estimator.health().rejected_records == 0
+
+
+@pytest.mark.parametrize("back_ns", [300 * MS, DAY_NS])
+def test_a_clock_that_is_set_back_is_followed(back_ns):
+    bench = Bench()
+    bench.run(0.5)
+    bench.now_ns -= back_ns
+    assert bench.tick() is None
+    assert bench.tick() is not None
+    assert bench.estimator.health().rejected_records == 3  # of the moment before anybody knew
 
 
 def test_every_number_is_finite_for_any_contact():

@@ -13,6 +13,7 @@ from traction_controller.traction import TractionController, TractionSettings
 ROVER = load_rover("curiosity")
 ONES = np.ones(6)
 MS = 1_000_000
+DAY_NS = 86_400_000 * MS
 
 
 class Bench:
@@ -29,20 +30,26 @@ class Bench:
         self.status = np.zeros(6, dtype=np.int64)
         self.asked = 0.5
         self.silent = set()
+        self.lead_ns = {}
 
     def tick(self):
         self.now_ns += 10 * MS
         self.angle = self.angle + 0.01 * self.omega
-        c, now = self.controller, self.now_ns
+        c, std = self.controller, 0.01 * ONES
         if "angles" not in self.silent:
-            c.feed_contact_angles(ContactAngles(now, self.theta_1, self.theta_2, 0.01 * ONES, 0.01 * ONES, self.status))
+            c.feed_contact_angles(
+                ContactAngles(self.stamp("angles"), self.theta_1, self.theta_2, std, std, self.status)
+            )
         if "wheels" not in self.silent:
-            c.feed_wheel_states(WheelStates(now, self.angle, self.omega, np.zeros(6)))
+            c.feed_wheel_states(WheelStates(self.stamp("wheels"), self.angle, self.omega, np.zeros(6)))
         if "odometry" not in self.silent:
-            c.feed_body_motion(BodyMotion(now, 0.0, 0.0, 0.0, self.speed, 0.005))
+            c.feed_body_motion(BodyMotion(self.stamp("odometry"), 0.0, 0.0, 0.0, self.speed, 0.005))
         if "request" not in self.silent:
-            c.feed_speed_request(SpeedRequest(now, self.asked))
-        return c.tick(now)
+            c.feed_speed_request(SpeedRequest(self.stamp("request"), self.asked))
+        return c.tick(self.now_ns)
+
+    def stamp(self, name):
+        return self.now_ns + self.lead_ns.get(name, 0)
 
     def run(self, seconds):
         for _ in range(round(seconds * 100)):
@@ -164,16 +171,16 @@ def test_policies_with_stall_check_stop(policy):
     assert bench.run(8.1).state.state is TractionMode.RETRY
 
 
+LATE = [
+    ("angles", 0.1, Fault.SENSOR_LATE),
+    ("odometry", 0.2, Fault.ODOMETRY_LATE),
+    ("wheels", 0.1, Fault.WHEEL_STATES_LATE),
+    ("request", 0.5, Fault.COMMAND_LATE),
+]
+
+
 @pytest.mark.parametrize("policy", ["soil_flow", "constant", "slip_limit", "angle_threshold"])
-@pytest.mark.parametrize(
-    ("silent", "timeout_s", "fault"),
-    [
-        ("angles", 0.1, Fault.SENSOR_LATE),
-        ("odometry", 0.2, Fault.ODOMETRY_LATE),
-        ("wheels", 0.1, Fault.WHEEL_STATES_LATE),
-        ("request", 0.5, Fault.COMMAND_LATE),
-    ],
-)
+@pytest.mark.parametrize(("silent", "timeout_s", "fault"), LATE)
 def test_every_policy_stops_when_an_input_is_late_and_drives_on_when_it_is_back(policy, silent, timeout_s, fault):
     bench = Bench(policy=policy)
     bench.speed = 0.5
@@ -189,6 +196,63 @@ def test_every_policy_stops_when_an_input_is_late_and_drives_on_when_it_is_back(
     assert bench.controller.health().fault_entries[fault.name] == 1
     bench.silent = set()
     assert (bench.run(0.5).commands.speed > 0.5).all()
+
+
+@pytest.mark.parametrize(("early", "timeout_s", "fault"), LATE)
+@pytest.mark.parametrize("seconds_before", [0.0, 2.0])
+def test_one_stamp_of_tomorrow_does_not_switch_a_time_out_off(early, timeout_s, fault, seconds_before):
+    bench = Bench()
+    bench.speed = 0.5
+    for _ in range(round(100 * seconds_before)):
+        bench.tick()
+    bench.lead_ns = {early: DAY_NS}
+    bench.tick()
+    bench.lead_ns = {}
+    bench.silent = {early}
+    output = bench.run(timeout_s + 1.5)
+    assert output.state.fault is fault
+    assert not output.commands.speed.any()
+    assert bench.controller.health().rejected_records == (1 if seconds_before else 0)
+    bench.silent = set()
+    assert bench.run(0.5).state.fault is Fault.NONE
+
+
+@pytest.mark.parametrize(("early", "timeout_s", "fault"), LATE)
+def test_a_sender_whose_clock_is_a_day_ahead_is_a_fault_until_it_is_set_right(early, timeout_s, fault):
+    bench = Bench()
+    bench.run(1.0)
+    bench.lead_ns = {early: DAY_NS}
+    assert bench.run(timeout_s + 0.02).state.fault is fault
+    bench.lead_ns = {early: 0}
+    assert bench.run(0.02).state.fault is Fault.NONE
+    bench.lead_ns = {early: round(0.8 * timeout_s * 1e9)}  # a little ahead is as good as any
+    assert bench.run(2.0).state.fault is Fault.NONE
+
+
+@pytest.mark.parametrize("back_ns", [600 * MS, DAY_NS])
+def test_a_clock_that_is_set_back_stops_the_rover_for_a_moment_only(back_ns):
+    bench = Bench(policy="constant")
+    bench.speed = 0.5
+    before = bench.run(2.0)
+    bench.now_ns -= back_ns
+    first = bench.tick()
+    assert first.state.fault is Fault.SENSOR_LATE
+    assert np.abs(first.commands.speed - before.commands.speed).max() <= 0.02
+    assert bench.tick().state.fault is Fault.NONE
+    assert bench.controller.health().rejected_records == 4  # of the moment before anybody knew
+    after = bench.run(2.0)
+    assert after.commands.speed == pytest.approx(before.commands.speed)
+    assert after.state.state is TractionMode.DRIVE
+
+
+def test_a_strap_whose_fault_began_tomorrow_is_blind():
+    bench = Bench()
+    bench.run(0.5)
+    bench.now_ns -= DAY_NS
+    bench.status = np.array([0, 0, 0, 0, int(ContactStatus.FAULT_OPEN_A), 0])
+    assert bench.run(0.1).state.fault is Fault.SENSOR_FAULT
+    bench.status = np.zeros(6, dtype=np.int64)
+    assert bench.tick().state.fault is Fault.NONE
 
 
 @pytest.mark.parametrize("missing", ["angles", "odometry", "wheels", "request"])
