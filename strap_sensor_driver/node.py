@@ -65,14 +65,14 @@ class StrapSensorDriver(NodeShell[StrapDriverParameters]):
             for data, host_ns in link.read(now_ns):
                 self._reader.feed_bytes(board, data, host_ns)
         reading = self._reader.tick(now_ns)
-        for request in reading.requests:
-            self._links[request.board_index].write(request.data, now_ns)
-        for frame in reading.raw:
-            self._raw.send(raw_message(frame.host_ns, frame.payload))
+        if reading.angles is not None:  # first: wheel commands wait for them
+            self._angles.send(self._messages.contact_angles_message(reading.angles))
         if reading.voltages is not None:
             self._voltages.send(self._messages.voltages_message(reading.voltages))
-        if reading.angles is not None:
-            self._angles.send(self._messages.contact_angles_message(reading.angles))
+        for frame in reading.raw:
+            self._raw.send(raw_message(frame.host_ns, frame.payload))
+        for request in reading.requests:
+            self._links[request.board_index].write(request.data, now_ns)
 
     def health(self) -> Sequence[Health]:
         """One part per board and per wheel."""

@@ -32,6 +32,8 @@ PEAK_SLOPE = 0.365
 PEAK_LIMIT = 0.95
 DEEPEST_ENTRY = 0.5 * math.pi
 """Largest entry angle a sinkage is solved for: the wheel stands in the soil up to its axle."""
+_BALANCED = 1e-12
+"""ln(F_z/W) at which a load counts as carried."""
 DEFORMABILITY_BOUNDS = (1e-6, 0.99)
 """Range of the zone -> de inverse."""
 
@@ -158,7 +160,7 @@ def _panel_kernel(
         sin_theta = math.sin(theta)
         sigma = modulus * (scaled_radius * depth) ** n
         j = radius * ((theta_1 - theta) - transport_ratio * (sin_1 - sin_theta))
-        tau = (cohesion + sigma * tan_friction) * -math.expm1(-abs(j) / shear_modulus)
+        tau = (cohesion + sigma * tan_friction) * (1.0 - math.exp(-abs(j) / shear_modulus))
         if j < 0.0:
             tau = -tau
         traction += tau * cos_theta * weight
@@ -252,7 +254,7 @@ def peak_angle_kernel(theta_1: float, slip: float) -> float:
 
 
 @compiled
-def _load_excess_kernel(
+def _carried_kernel(
     radius: float,
     width: float,
     modulus: float,
@@ -263,35 +265,36 @@ def _load_excess_kernel(
     load: float,
     slip: float,
     theta_2: float,
-    theta_1: float,
-) -> float:
-    """ln(F_z/W) at an entry angle: near linear in ln theta_1, since F_z grows about as theta_1^(2n+1)."""
+    log_theta_1: float,
+) -> tuple[float, tuple[float, float, float, float]]:
+    """ln(F_z/W) and the forces at an entry angle: near linear in ln theta_1, as F_z grows about as theta_1^(2n+1)."""
+    theta_1 = math.exp(log_theta_1)
     forces = wheel_forces_kernel(
         radius, width, modulus, n, cohesion, tan_friction, shear_modulus,
         theta_1, theta_2, peak_angle_kernel(theta_1, slip), transport_ratio_kernel(slip), 1.0,
     )  # fmt: skip
-    return math.log(max(forces[2] / load, 1e-30))
+    return math.log(max(forces[2] / load, 1e-30)), forces
 
 
 @compiled
 def _hump_kernel(
     soil: tuple[float, float, float, float, float, float, float, float, float, float], low: float, high: float
-) -> tuple[float, float]:
-    """Where between two ln theta_1 the load excess is largest, and how large, by golden sections."""
+) -> float:
+    """Where between two ln theta_1 the load excess is largest, by golden sections."""
     golden = 0.5 * (math.sqrt(5.0) - 1.0)
     left, right = high - golden * (high - low), low + golden * (high - low)
-    f_left = _load_excess_kernel(*soil, math.exp(left))
-    f_right = _load_excess_kernel(*soil, math.exp(right))
+    f_left = _carried_kernel(*soil, left)[0]
+    f_right = _carried_kernel(*soil, right)[0]
     for _ in range(40):
         if f_left < f_right:
             low, left, f_left = left, right, f_right
             right = low + golden * (high - low)
-            f_right = _load_excess_kernel(*soil, math.exp(right))
+            f_right = _carried_kernel(*soil, right)[0]
         else:
             high, right, f_right = right, left, f_left
             left = high - golden * (high - low)
-            f_left = _load_excess_kernel(*soil, math.exp(left))
-    return (left, f_left) if f_left > f_right else (right, f_right)
+            f_left = _carried_kernel(*soil, left)[0]
+    return left if f_left > f_right else right
 
 
 @compiled
@@ -306,49 +309,48 @@ def _load_balance_kernel(
     load: float,
     slip: float,
     theta_2: float,
-) -> float:
-    """Entry angle whose F_z is the load: the first root, NaN if none below pi/2.
+) -> tuple[float, tuple[float, float, float, float]]:
+    """Entry angle whose F_z is the load, with its forces: the first root, NaN if none below pi/2.
 
     Braking shear pulls the wheel up and can bend F_z over, so there the bracket comes from a scan for the first
     crossing, humps between stations included; driving, from one power-law step beyond the root. Then Chandrupatla's
-    bracketed inverse interpolation (Adv. Eng. Software 28, 1997) in ln theta_1.
+    bracketed inverse interpolation (Adv. Eng. Software 28, 1997) in ln theta_1, begun with a secant.
     """
     soil = (radius, width, modulus, n, cohesion, tan_friction, shear_modulus, load, slip, theta_2)
     least = math.log(max(theta_2, 0.0) + 1e-9)
     most = math.log(DEEPEST_ENTRY)
     probe = max(math.log(0.01 if slip < 0.0 else 0.35), least)
-    f_probe = _load_excess_kernel(*soil, math.exp(probe))
+    f_probe, forces = _carried_kernel(*soil, probe)
     before, f_before = probe, math.inf
     last, f_last = probe, f_probe
     upwards = f_probe < 0.0
     while (f_probe < 0.0) == upwards and f_probe != 0.0:
         if slip < 0.0 and f_last > f_before and f_last > f_probe:
-            top, f_top = _hump_kernel(soil, before, probe)
+            top = _hump_kernel(soil, before, probe)
+            f_top, forces = _carried_kernel(*soil, top)
             if f_top >= 0.0:
                 last, f_last, probe, f_probe = before, f_before, top, f_top
                 break
         if (upwards and probe >= most) or (not upwards and probe <= least):
-            return math.nan
+            return math.nan, forces
         before, f_before = last, f_last
         last, f_last = probe, f_probe
         step = 0.14 if slip < 0.0 else 1.2 * abs(f_probe) / (2.0 * n + 1.0) + 1e-3
         probe = min(probe + step, most) if upwards else max(probe - step, least)
-        f_probe = _load_excess_kernel(*soil, math.exp(probe))
+        f_probe, forces = _carried_kernel(*soil, probe)
     # Chandrupatla: a is the newest point, b the one across the root, c the one before a.
     a, f_a, b, f_b = probe, f_probe, last, f_last
-    c, f_c = b, f_b
-    share = 0.5
+    share = f_a / (f_a - f_b) if f_a != f_b else 0.5
     for _ in range(100):
-        new = a + share * (b - a)
-        f_new = _load_excess_kernel(*soil, math.exp(new))
+        if abs(f_a) <= _BALANCED or abs(b - a) <= 4e-15:
+            break
+        margin = 2e-15 / abs(b - a)
+        new = a + min(max(share, margin), 1.0 - margin) * (b - a)
+        f_new, forces = _carried_kernel(*soil, new)
         c, f_c = a, f_a
         if (f_new > 0.0) != (f_a > 0.0):
             c, f_c, b, f_b = b, f_b, a, f_a
         a, f_a = new, f_new
-        best = a if abs(f_a) < abs(f_b) else b
-        tolerance = 2e-15 * (1.0 + abs(best))
-        if f_a == 0.0 or abs(b - a) <= 2.0 * tolerance:
-            break
         share = 0.5
         if f_a != f_b and f_c not in (f_a, f_b):
             xi, phi = (a - b) / (c - b), (f_a - f_b) / (f_c - f_b)
@@ -356,9 +358,7 @@ def _load_balance_kernel(
                 share = f_a / (f_b - f_a) * f_c / (f_b - f_c) + (c - a) / (b - a) * f_a / (f_c - f_a) * f_b / (
                     f_c - f_b
                 )
-        margin = tolerance / abs(b - a)
-        share = min(max(share, margin), 1.0 - margin)
-    return math.exp(a if abs(f_a) < abs(f_b) else b)
+    return math.exp(a), forces
 
 
 @compiled
@@ -436,12 +436,15 @@ def _batch_forces_kernel(inputs: FloatArray, radius: float, width: float, out: F
 
 
 @compiled
-def _batch_balance_kernel(inputs: FloatArray, radius: float, width: float, out: FloatArray) -> None:
+def _batch_balance_kernel(
+    inputs: FloatArray, radius: float, width: float, theta_1: FloatArray, out: FloatArray
+) -> None:
     for i in range(inputs.shape[1]):
-        out[i] = _load_balance_kernel(
+        theta_1[i], forces = _load_balance_kernel(
             radius, width, inputs[0, i], inputs[1, i], inputs[2, i], inputs[3, i], inputs[4, i],
             inputs[5, i], inputs[7, i], inputs[6, i],
         )  # fmt: skip
+        out[0, i], out[1, i], out[2, i], out[3, i] = forces
 
 
 @compiled
@@ -497,7 +500,8 @@ def solve_sinkage(
     _require(in_range, "theta_2 must lie in (-pi/2, pi/2) rad", theta_2)
     _require(bool(np.all(np.abs(inputs[7]) <= 1.0)), "slip must lie in [-1, 1]", slip)
     entry = np.empty(inputs.shape[1])
-    _batch_balance_kernel(inputs, wheel.radius, wheel.width, entry)
+    out = np.empty((4, inputs.shape[1]))
+    _batch_balance_kernel(inputs, wheel.radius, wheel.width, entry, out)
     solved = np.isfinite(entry)
     if not solved.all() and unsolved == "raise":
         first = inputs[5][~solved][0]
@@ -505,9 +509,6 @@ def solve_sinkage(
             f"the soil does not carry {first:.6g} N with the wheel in up to its axle (theta_1 = 90 deg): "
             "lower the load, take a firmer soil, or pass unsolved='mask'"
         )
-    out = np.empty((4, inputs.shape[1]))
-    inputs[5] = np.where(solved, entry, 0.1)
-    _batch_forces_kernel(inputs, wheel.radius, wheel.width, out)
     out[:, ~solved] = np.nan
     depth = 2.0 * wheel.radius * np.sin(0.5 * entry) ** 2
     return Sinkage(
