@@ -139,8 +139,8 @@ class StrapReaderSettings:
     encoder_extrapolation_s: float = field(
         default=0.03, metadata=_row("farthest that the encoder is carried on with its speed", 0.0, 0.5)
     )
-    reversing_speed_rad_s: float = field(
-        default=0.02, metadata=_row("wheel speed from which the direction of travel is believed", 0.0, 1.0)
+    reversing_travel_rad: float = field(
+        default=0.02, metadata=_row("wheel rotation after which a new direction of travel is believed", 0.0, 1.0)
     )
     silent_s: float = field(default=0.2, metadata=_row("time without a scan after which a board is silent", 0.01, 10.0))
     hello_period_s: float = field(default=0.5, metadata=_row("how often a board is asked to say hello", 0.05, 60.0))
@@ -334,6 +334,7 @@ class _Wheel:
         "direction",
         "encoder",
         "equal_encoder",
+        "farthest_encoder",
         "fault",
         "faults",
         "front",
@@ -376,6 +377,7 @@ class _Wheel:
         self.zone_encoder = self.encoder = 0.0
         self.held_since_ns: int | None = None
         self.reversing = False
+        self.farthest_encoder: float | None = None  # in the direction believed
         self.fault = 0
         self.faults = 0
         self.bad_scans = self.good_scans = 0
@@ -388,6 +390,17 @@ class _Wheel:
         self.counts: dict[int, int] = {}
         self.v_a = self.v_b = 0.0
         self.start_tick()
+
+    def follow(self, encoder: float) -> None:
+        """Believe a new direction of travel once the wheel has turned far enough against the one believed."""
+        ahead = 0.0 if self.farthest_encoder is None else encoder - self.farthest_encoder
+        if self.reversing:
+            ahead = -ahead
+        if ahead < -self.settings.reversing_travel_rad:
+            self.reversing = not self.reversing
+        elif ahead < 0.0:
+            return
+        self.farthest_encoder = encoder
 
     def start_tick(self) -> None:
         self.n_scans = self.n_valid = 0
@@ -671,7 +684,6 @@ class StrapReader:
         for board, binding, wheel in zip(self._board_of_wheel, bindings, self._wheels, strict=True):
             board.wheels.append((binding.wheel, wheel))
         self._encoder = _Encoder(len(bindings), round(1e9 * settings.encoder_extrapolation_s))
-        self._reversing_speed = settings.reversing_speed_rad_s
         self._silent_ns = round(1e9 * settings.silent_s)
         self._hello_period_ns = round(1e9 * settings.hello_period_s)
         self._start_ns: int | None = None
@@ -691,9 +703,8 @@ class StrapReader:
         latest = self._encoder.latest()
         if latest is None:
             return
-        for wheel, speed in zip(self._wheels, latest[1], strict=True):
-            if abs(speed) > self._reversing_speed:
-                wheel.reversing = speed < 0.0
+        for wheel, position in zip(self._wheels, latest[0], strict=True):
+            wheel.follow(position)
 
     def tick(self, now_ns: int) -> StrapReading:
         """Everything since the last tick. The record's stamp is the mean middle of the tick's scans, ever increasing.

@@ -240,18 +240,37 @@ def test_raw_frames_replay_to_the_same_bits():
 # --- travel, air, encoder -------------------------------------------------------------------------------------------
 
 
-def test_reversing_swaps_entry_and_exit_and_a_slow_wheel_keeps_its_sense():
+def test_reversing_swaps_entry_and_exit_after_a_little_travel_at_any_speed():
     rig = Rig(speed=1.0)
     rig.until_valid()
-    rig.speed = -1.0
-    rig.step()
-    angles = rig.until_valid()
+    rig.speed = -0.9  # 0.009 rad each step: believed after more than 0.02
+    for forwards in (True, True, False):
+        angles = rig.step().angles
+        assert (angles.theta_1[0] == pytest.approx(0.6, abs=0.02)) == forwards
     assert angles.theta_1[0] == pytest.approx(-0.35, abs=0.02)
     assert angles.theta_2[0] == pytest.approx(0.6, abs=0.02)
-    rig.speed = 0.01
-    assert rig.step().angles.theta_1[0] == pytest.approx(-0.35, abs=0.02)
-    rig.speed = 0.1
-    assert rig.step().angles.theta_1[0] == pytest.approx(0.6, abs=0.02)
+    rig.speed = 0.005
+    rig.run(399)
+    assert rig.until_valid().theta_1[0] == pytest.approx(-0.35, abs=0.02)
+    rig.run(10)
+    assert rig.until_valid().theta_1[0] == pytest.approx(0.6, abs=0.02)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_standing_wheel_keeps_its_direction_whatever_its_speed_sensor_says(sign):
+    rig = Rig(speed=sign)
+    rig.run(20)
+    before = rig.until_valid()
+    assert (np.sign(before.theta_1) == sign).all()
+    rig.speed, rig.encoder_on = 0.0, False
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        position = np.full(6, rig.position) + 0.002 * rng.standard_normal(6)
+        speed = -sign * rng.uniform(0.0, 1.0, 6)
+        rig.reader.feed_wheel_states(WheelStates(rig.now_ns + TICK_NS, position, speed, np.zeros(6)))
+        angles = rig.step().angles
+        assert (np.sign(angles.theta_1) == sign).all()
+        assert (np.sign(angles.theta_2) == -sign).all()
 
 
 def test_a_wheel_in_the_air_has_no_contact_and_no_information():
