@@ -38,7 +38,8 @@ LEAST_DE_STD = 1e-3
 STEEPEST_ANGLE = 0.5 * math.pi
 """No soil is touched [rad] above the axle."""
 REST_SIGMAS = 3.0
-"""Body and rim within this many 1-sigma of 1 mm/s count as standing: slip is then 0 with 1-sigma 1."""
+"""Body and rim within this many 1-sigma of 1 mm/s count as standing: slip is then 0 with 1-sigma 1. A standing body
+keeps its direction of travel."""
 LEAST_ZONE = 1e-3
 """A contact zone [rad] narrower than this is no contact."""
 NEUTRAL_ENTRY, NEUTRAL_EXIT = 0.3, -0.05
@@ -287,7 +288,7 @@ class SoilEstimator:
             self._late_ticks += 1
             return None
         slip, slip_std = self._slip(states, motion)
-        if abs(motion.speed) > REST_SPEED:
+        if abs(motion.speed) > REST_SPEED + REST_SIGMAS * motion.speed_std:  # otherwise its sign may be noise
             self._direction = math.copysign(1.0, motion.speed)
         entry, leave = travel_angles(angles.theta_1, angles.theta_2, self._direction)
         entry, leave = np.minimum(entry, STEEPEST_ANGLE), np.maximum(leave, -STEEPEST_ANGLE)

@@ -330,6 +330,23 @@ def test_backwards_is_forwards_mirrored():
     assert (entry[0], leave[0]) == (0.5, -0.1)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_odometry_noise_of_a_standing_rover_does_not_turn_it_round(sign):
+    bench = Bench()
+    theta = sorted((sign * 0.5, sign * -0.1), reverse=True)
+    bench.roll(sign * 0.8, sign * 0.18, *theta)
+    bench.run(0.1)
+    bench.roll(0.0, 0.0, *theta)
+    before = bench.run(0.1)
+    for share in (-2.9, 2.9, -1.0, 1.0):
+        bench.speed = share * bench.speed_std
+        state = bench.tick()
+        assert state.slip_max.tolist() == before.slip_max.tolist()
+        assert state.vc.tolist() == before.vc.tolist()
+    bench.speed = -sign * 0.02  # beyond 1 mm/s and three 1-sigma
+    assert bench.tick().slip_max.tolist() != before.slip_max.tolist()
+
+
 @pytest.mark.parametrize("missing", ["angles", "wheels", "odometry"])
 def test_nothing_is_said_without_every_input_or_with_an_old_one(missing):
     bench = Bench()
