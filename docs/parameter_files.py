@@ -37,7 +37,7 @@ def _range(metadata: Any) -> str:
 
 
 def _yaml(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    return str(value).lower() if isinstance(value, bool) else str(value) or '""'
 
 
 if __name__ == "__main__":

@@ -141,9 +141,10 @@ def test_the_soil_flow_controller_stops_digging_and_drives_off(snag_runs):
     assert summary.final_speed_mps > 0.4
     assert summary.largest_zone_deg < 60.0
     assert summary.largest_sinkage_mm < 0.3 * summaries["constant"].largest_sinkage_mm
-    assert [event.what for event in summary.events] == [
-        "snag of 600 N catches", "STALL", "WAIT", "RETRY", "snag lets go", "DRIVE",
-    ]  # fmt: skip
+    events = [event.what for event in summary.events]
+    assert [what for what in events if "snag" not in what] == ["STALL", "WAIT", "RETRY", "DRIVE"]
+    assert events[0] == "snag of 600 N catches"
+    assert "snag lets go" in events[3:5]  # about when it tries again
     assert logs["soil_flow"].time_s(topics.GROUND_TRUTH)[-1] == pytest.approx(120.0)
     assert summary.faults == ()
 

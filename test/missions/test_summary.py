@@ -58,6 +58,7 @@ OUTCOMES = {
     Outcome.STUCK: STOPS,
     Outcome.BURIED: STOPS | {"theta_1": lambda t: 0.2 * t, "theta_2": -0.4},
     Outcome.HALTED: STOPS | {"modes": (M.DRIVE, M.STALL, M.HALT)},
+    Outcome.UNDECIDED: STOPS | {"modes": (M.DRIVE, M.STALL, M.WAIT)},
 }
 
 
@@ -66,15 +67,25 @@ def test_every_outcome_is_reached(outcome):
     assert summarize(PLAN, make_log(**OUTCOMES[outcome])).outcome == outcome.value
 
 
-def test_creeping_at_the_snag_is_not_driving_off():
-    log = make_log(speed=lambda t: 0.5 if t < 2.0 else 0.05, load=snag_between(2.0, 4.0))
-    assert summarize(PLAN, log).outcome == Outcome.STUCK.value
+@pytest.mark.parametrize(
+    "run",
+    [
+        {"speed": lambda t: 0.5 if t < 2.0 else 0.05, "load": snag_between(2.0, 4.0)},  # still beside the snag
+        STOPS | {"modes": (M.DRIVE, M.STALL, M.WAIT)},  # about to try again
+        STOPS | {"modes": (M.DRIVE, M.STALL, M.WAIT, M.RETRY)},  # trying
+        {"speed": 0.0, "duration_s": 3.0},  # only just started
+        {"speed": 0.0, "modes": (M.STANDBY,)},
+    ],
+)
+def test_a_run_that_ends_too_soon_is_undecided(run):
+    assert summarize(PLAN, make_log(**run)).outcome == Outcome.UNDECIDED.value
 
 
-def test_standing_for_a_fault_is_halted_even_if_buried():
-    log = make_log(**STOPS, theta_1=1.5, modes=(M.DRIVE, M.FAULT), faults=(Fault.NONE, Fault.SENSOR_LATE))
-    summary = summarize(PLAN, log)
+def test_standing_for_a_fault_is_halted_and_a_fault_does_not_hide_a_burial():
+    fault = STOPS | {"modes": (M.DRIVE, M.FAULT), "faults": (Fault.NONE, Fault.SENSOR_LATE)}
+    summary = summarize(PLAN, make_log(**fault))
     assert (summary.outcome, summary.mode_at_end, summary.faults) == ("halted", "FAULT", ("SENSOR_LATE",))
+    assert summarize(PLAN, make_log(**fault, theta_1=1.5)).outcome == "buried"
 
 
 def test_numbers_of_a_steady_drive():

@@ -13,6 +13,7 @@ from sim_bridge.scenarios import Scenario, Site, scenario_named
 from sim_bridge.terrain import FIRM_SAND, Stretch, build_terrain, ramp
 from sim_bridge.world import SensorSettings, World, board_links, nominal_strap
 from strap_rover.rover import load_rover
+from strap_rover.settings import SettingsError
 from strap_rover.telemetry import WheelCommands, WheelStates
 from strap_sensor_driver.contact_zone import ContactStatus
 from strap_sensor_driver.frames import AcceptedFrame, DataFrame, FrameDecoder, HelloFrame
@@ -333,15 +334,35 @@ def test_a_board_without_a_link_is_named():
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
-        ({"telemetry_rate_hz": 160.0}, "telemetry_rate_hz = 160 Hz does not fit"),
-        ({"scan_rate_hz": 160.0}, "scan_rate_hz = 160 Hz does not fit"),
-        ({"truth_rate_hz": 30.0}, "truth_rate_hz = 30 Hz does not fit"),
+        ({"telemetry_rate_hz": 160.0}, "telemetry_rate_hz: 160 Hz does not fit"),
+        ({"scan_rate_hz": 160.0}, "scan_rate_hz: 160 Hz does not fit"),
+        ({"truth_rate_hz": 30.0}, "truth_rate_hz: 30 Hz does not fit"),
         ({"osr": 8}, "osr"),
     ],
 )
 def test_rates_that_do_not_fit_are_refused(changes, named):
     with pytest.raises(ValueError, match=named):
         make_world(sensors=SensorSettings(**changes))
+
+
+def test_every_rate_that_does_not_fit_is_named_at_once():
+    with pytest.raises(SettingsError) as caught:
+        make_world(sensors=SensorSettings(scan_rate_hz=160.0, truth_rate_hz=30.0))
+    assert [problem.split(":")[0] for problem in caught.value.problems][:1] == ["scan_rate_hz"]
+    assert "truth_rate_hz: 30 Hz" in str(caught.value)
+
+
+@pytest.mark.parametrize("changes", [{"osr": 8}, {"baud": 9600}, {"adc_noise_lsb": -1.0}, {"supply_v": math.nan}])
+def test_settings_that_no_board_can_have_are_refused(changes):
+    with pytest.raises(SettingsError, match=next(iter(changes))):
+        SensorSettings(**changes)
+
+
+@pytest.mark.parametrize("joints", [("rocker",), ("a", "b", "c", "d", "e")])
+def test_a_suspension_that_is_not_simulated_is_refused(joints):
+    rover = replace(ROVER, suspension_joints=joints)
+    with pytest.raises(ValueError, match=r"'curiosity': suspension_joints .* leave the list empty"):
+        make_world(rover=rover)
 
 
 def test_other_rates_that_do_fit_work():
