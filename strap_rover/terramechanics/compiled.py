@@ -7,6 +7,7 @@ after a digest of every file in this package; kernels called from other files li
 
 import hashlib
 import os
+import stat
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -25,10 +26,27 @@ def _laws_digest() -> str:
     return digest.hexdigest()[:16]
 
 
+def _is_private(folder: Path) -> bool:
+    """Whether `folder` is, or could be made, a folder that belongs to this user and to which nobody else has access."""
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and stat.S_IMODE(found.st_mode) == 0o700
+
+
 def _cache_directory() -> Path:
-    """The user's cache folder, or a folder of this user in the system's temporary one where home is read-only."""
+    """The user's cache folder, or a folder of this user in the system's temporary one where home is read-only.
+
+    Whoever can write there can run code as this user, since the cache holds pickles; and the temporary folder is open
+    to everybody. A folder in it that is not this user's alone is left aside, for a new one of this process.
+    """
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    for root in (home, Path(tempfile.gettempdir()) / f"strap_rover-{os.getuid()}"):
+    shared = Path(tempfile.gettempdir()) / f"strap_rover-{os.getuid()}"
+    for root in (home, shared):
+        if root is shared and not _is_private(root):
+            continue
         directory = root / "strap_rover" / "kernels" / _laws_digest()
         try:
             directory.mkdir(parents=True, exist_ok=True)

@@ -91,16 +91,56 @@ def test_numba_cache_dir_is_respected(tmp_path: Path) -> None:
     assert not home.exists()
 
 
-def test_unwritable_home_falls_back_to_the_temporary_folder(tmp_path: Path) -> None:
+def cache_without_home(tmp_path: Path) -> Path:
     not_a_folder = tmp_path / "home"
     not_a_folder.write_text("")
-    temporary = tmp_path / "temporary"
-    temporary.mkdir()
     call = "import numba, strap_rover.terramechanics.compiled; print(numba.config.CACHE_DIR)"
-    where = Path(run(call, PYTHONPATH=REPOSITORY, XDG_CACHE_HOME=str(not_a_folder), TMPDIR=str(temporary)))
-    assert where.is_relative_to(temporary)
+    places = {"XDG_CACHE_HOME": str(not_a_folder), "TMPDIR": str(tmp_path / "temporary")}
+    return Path(run(call, PYTHONPATH=REPOSITORY, **places))
+
+
+def test_unwritable_home_falls_back_to_a_private_temporary_folder(tmp_path: Path) -> None:
+    mine = tmp_path / "temporary" / f"strap_rover-{os.getuid()}"
+    mine.parent.mkdir()
+    where = cache_without_home(tmp_path)
+    assert where.is_relative_to(mine)
     assert where.name == compiled_module._laws_digest()
     assert where.is_dir()
+    assert mine.stat().st_mode & 0o777 == 0o700
+    assert cache_without_home(tmp_path) == where  # taken again
+
+
+@pytest.mark.parametrize("what", ["open to others", "symlink", "file"])
+def test_a_temporary_folder_that_others_could_write_to_is_left_aside(what: str, tmp_path: Path) -> None:
+    planted = tmp_path / "temporary" / f"strap_rover-{os.getuid()}"
+    planted.parent.mkdir()
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir(mode=0o700)
+    if what == "symlink":
+        planted.symlink_to(elsewhere)
+    elif what == "file":
+        planted.write_text("")
+    else:
+        planted.mkdir()
+        planted.chmod(0o777)
+    where = cache_without_home(tmp_path)
+    assert where.parent == planted.parent
+    assert where != planted
+    assert where.stat().st_mode & 0o777 == 0o700
+    assert not list(elsewhere.iterdir())
+    assert planted.is_file() or not list(planted.iterdir())
+
+
+def test_a_temporary_folder_of_another_user_is_left_aside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "home").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    other = os.getuid() + 1
+    monkeypatch.setattr(os, "getuid", lambda: other)
+    planted = tmp_path / f"strap_rover-{other}"
+    planted.mkdir(mode=0o700)
+    assert compiled_module._cache_directory().parent == tmp_path
+    assert not list(planted.iterdir())
 
 
 def test_kernels_divide_like_numpy() -> None:
