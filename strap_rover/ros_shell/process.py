@@ -17,8 +17,6 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.utilities import remove_ros_args
 
-from strap_rover.settings import SettingsError
-
 EXIT_OK = 0
 EXIT_BAD_SETTINGS = 2
 
@@ -31,8 +29,9 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
 
     `args` are the process's arguments with the program's name (default `sys.argv`). Besides ROS arguments:
     `--executor events` spins with rclpy's experimental EventsExecutor, about five times cheaper than `single`.
-    Returns 0 after a signal, 2 with plain words on stderr when parameters or arguments are wrong. Any other exception
-    of the node is a bug and passes through.
+    Returns 0 after a signal, 2 with plain words on stderr when arguments are wrong or the node cannot be made of its
+    parameters (ValueError, SettingsError among them). Any other exception, and a ValueError of the node once it is
+    made, is a bug and passes through.
     """
     argv = list(sys.argv if args is None else args)
     signal.signal(signal.SIGINT, _take_no_notice)
@@ -45,13 +44,14 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
     try:
         events = _wants_events_executor(remove_ros_args(argv)[1:])
         executor = EventsExecutor() if events else SingleThreadedExecutor()  # first: it cannot be made after a signal
-        node = factory()
+        try:
+            node = factory()
+        except ValueError as error:  # SettingsError, or a value that a core refused; later a ValueError is a bug
+            sys.stderr.write(f"{error}\n")
+            return EXIT_BAD_SETTINGS
         executor.add_node(node)
         while rclpy.ok():  # not EventsExecutor.spin(), which fires no timers
             executor.spin_once(timeout_sec=_POLL_S)
-    except SettingsError as error:
-        sys.stderr.write(f"{error}\n")
-        return EXIT_BAD_SETTINGS
     except (KeyboardInterrupt, ExternalShutdownException):
         return EXIT_OK
     except (RCLError, InvalidHandle, NotInitializedException):

@@ -15,22 +15,26 @@ import sys
 from dataclasses import dataclass, field
 from strap_rover.ros_shell.node_shell import NodeShell
 from strap_rover.ros_shell.process import run_node
+from strap_rover.topics import WHEEL_COMMANDS
 
 @dataclass(frozen=True, slots=True)
 class Probe:
     rate_hz: float = field(default=5.0, metadata={"min": 1.0, "max": 9.0})
     count: int = 3
-    fail: bool = False
+    fail: str = ""
 
 class ProbeNode(NodeShell[Probe]):
     def __init__(self):
         super().__init__("probe", Probe)
         self.ticks = 0
         self.create_timer(0.01, self.tick)
+        self.announce(WHEEL_COMMANDS)
+        if self.settings.fail == "made":
+            raise ValueError("rate_hz = 7.0: does not fit; give 5.0")
 
     def tick(self):
         if self.settings.fail:
-            raise RuntimeError("a bug")
+            raise {"value": ValueError, "run": RuntimeError}[self.settings.fail]("a bug")
         self.ticks += 1
         if self.ticks == 3:
             print("ticking", flush=True)
@@ -111,8 +115,17 @@ def test_bad_arguments_end_it_without_traceback(start, arguments):
     assert "Traceback" not in err
 
 
-def test_a_bug_in_a_callback_is_not_hidden(start):
-    child = start("--ros-args", "-p", "fail:=true")
+@pytest.mark.parametrize("executor", ["single", "events"])
+def test_a_value_that_does_not_fit_ends_it_with_one_line(start, executor):
+    child = start("--executor", executor, "--ros-args", "-p", "fail:=made")
+    out, err = child.communicate(timeout=20)
+    assert (child.returncode, out, err) == (2, "", "rate_hz = 7.0: does not fit; give 5.0\n")
+
+
+@pytest.mark.parametrize(("fail", "error"), [("run", "RuntimeError"), ("value", "ValueError")])
+def test_a_bug_in_a_callback_is_not_hidden(start, fail, error):
+    child = start("--ros-args", "-p", f"fail:={fail}")
     _, err = child.communicate(timeout=20)
     assert child.returncode == 1
-    assert "RuntimeError: a bug" in err
+    assert "Traceback" in err
+    assert f"{error}: a bug" in err
