@@ -1,5 +1,7 @@
 """The estimator's node in a context of its own: telemetry and angles in, soil state out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import rclpy
@@ -161,6 +163,25 @@ def test_a_message_that_breaks_the_contract_is_reported_and_the_node_lives_on(be
     status = bench.diagnostics()[f"soil_flow_estimator: topic {name}"]
     assert status.level == bytes([HealthLevel.ERROR])
     assert status.message.startswith(f"{name}: ")
+
+
+@pytest.mark.parametrize("name", ["wheel_states", "odom", "imu", "suspension", "strap/contact_angles"])
+def test_every_input_reaches_the_core_and_numbers_that_are_not_finite_are_counted(bench, name):
+    states, motion, attitude, suspension, angles = inputs(20 * MS)
+    spoilt = messages(
+        (
+            replace(states, angle=np.full(6, np.nan)),
+            replace(motion, speed=float("inf")),
+            attitude,
+            replace(suspension, angle=np.full(4, np.nan)),
+            replace(angles, theta_1=np.full(6, np.nan)),
+        )
+    )
+    spoilt["imu"].header.stamp.sec = -5  # no attitude that is not finite gets this far: this one is out of order
+    bench.feed({"imu": messages(inputs(20 * MS))["imu"]})
+    bench.feed({name: spoilt[name]})
+    values = {item.key: item.value for item in bench.diagnostics()["soil_flow_estimator: soil"].values}
+    assert values["rejected_records"] == "1"
 
 
 def test_parameters_come_from_the_process_and_are_checked(domain_id):
