@@ -212,7 +212,7 @@ class World:
         sensors, body = self.sensors, self.plant.body
         count = len(self.rover.wheels)
         noise = self._rng.standard_normal(2 * count + 3 + len(self.rover.suspension_joints))
-        angle = self.plant.wheels[p.ANGLE]
+        angle = self.plant.wheels[p.ANGLE].copy()
         if sensors.encoder_step_rad > 0.0:
             angle = np.round(angle / sensors.encoder_step_rad) * sensors.encoder_step_rad
         wheel_states = WheelStates(

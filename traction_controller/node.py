@@ -75,7 +75,7 @@ class TractionControllerNode(NodeShell[TractionParameters]):
         output = self._core.tick(now_ns)
         self._commands.send(telemetry.wheel_commands_message(output.commands))
         self._stamped_commands.send(self._joints.wheel_commands_message(output.commands))
-        if now_ns - self._last_state_ns >= STATE_NS:
+        if abs(now_ns - self._last_state_ns) >= STATE_NS:  # abs: a clock set back must not silence it
             self._last_state_ns = now_ns
             self._state.send(self._messages.traction_state_message(output.state))
 
@@ -88,7 +88,7 @@ class TractionControllerNode(NodeShell[TractionParameters]):
         return [Health("traction", level, health.reason, counts)]
 
     def _tick_if_due(self) -> None:
-        if self.now_ns() - self._last_tick_ns > 3 * TICK_NS // 2:
+        if abs(self.now_ns() - self._last_tick_ns) > 3 * TICK_NS // 2:
             self.tick()
 
     def _reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -169,7 +169,6 @@ def test_encoders_are_rounded_to_their_step_and_not_scaled():
     assert np.abs(report.wheel_states.angle - world.plant.wheels[p.ANGLE]).max() <= 0.125 + 1e-9
 
 
-@pytest.mark.xfail(strict=True, reason="with encoder_step_rad 0 the report holds the plant's own array")
 def test_a_report_does_not_change_when_the_world_moves_on():
     world, _ = make_world(sensors=QUIET)
     report = drive(world, 0.5, 2.0)[-1]
