@@ -1,7 +1,7 @@
 """The recorder process: every topic of the contract into one bag, until it is told to stop.
 
-Start it before the nodes that publish. A directory that is taken is a bad setting, exit code 2; a disk that fills up ends it with exit code 3
-and one line that says what was saved.
+Start it before the nodes that publish. A directory that is taken is a bad setting, exit code 2; a disk that fills up
+ends it with exit code 3 and one line that says what was saved.
 """
 
 import dataclasses
