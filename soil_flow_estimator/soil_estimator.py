@@ -11,7 +11,6 @@ Eq. 7 (a true 0.1 reads back as 0.27) and stays as the option `paper_linear`.
 import functools
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from soil_flow_estimator.soil_state import SoilState, SoilStatus
 from strap_rover.arrays import BoolArray, FloatArray, IntArray
 from strap_rover.rover import RoverDescription
 from strap_rover.settings import check_settings
-from strap_rover.telemetry import Attitude, BodyMotion, Suspension, WheelStates
+from strap_rover.telemetry import Attitude, BodyMotion, Stamped, Suspension, WheelStates, is_in_order, is_late
 from strap_rover.terramechanics.contact import (
     DEFORMABILITY_BOUNDS,
     Wheel,
@@ -28,7 +27,7 @@ from strap_rover.terramechanics.contact import (
 )
 from strap_rover.terramechanics.slip import REST_SPEED, slip_ratio
 from strap_rover.terramechanics.spiral_flow import SLIP_FLOOR, SLIP_VALID, mass_flow, slip_limit
-from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus
+from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus, travel_angles
 
 PRIOR_MEAN = 0.5
 PRIOR_STD = 1.0 / math.sqrt(12.0)
@@ -110,20 +109,6 @@ class SoilEstimatorHealth:
     """Wheels whose de has been estimated."""
 
 
-def travel_angles(theta_1: FloatArray, theta_2: FloatArray, direction: float) -> tuple[FloatArray, FloatArray]:
-    """Entry and exit angle [rad] of a wheel seen along its direction of travel, the entry positive.
-
-    Backwards the wheel is mirrored. The leading end is the entry, whichever of the two it was called.
-
-    Args:
-        theta_1: one end of the contact, positive towards the rover's front [rad].
-        theta_2: the other end [rad].
-        direction: +1 forwards, -1 backwards.
-    """
-    front, rear = direction * theta_1, direction * theta_2
-    return np.maximum(front, rear), np.minimum(front, rear)
-
-
 class DeformabilityTable:
     """De by contact zone and load for every wheel: the law solved once on a grid, linear in between.
 
@@ -174,37 +159,6 @@ def _solved_grid(wheel: Wheel, load: float) -> FloatArray:
     grid = np.asarray(deformability_from_zone(wheel, load * ratio[:, None], zone[None, :]))
     grid.setflags(write=False)
     return grid
-
-
-class Stamped(Protocol):
-    """A record with the time it is of."""
-
-    @property
-    def stamp_ns(self) -> int:
-        """Time [ns] the record is of."""
-
-
-def is_late(record: Stamped | None, now_ns: int, timeout_s: float) -> bool:
-    """Whether nothing can be said from a record now: none came, or its stamp is off by more than the time-out.
-
-    A stamp of the future is as bad as an old one: after a step of a clock nobody knows how old the record is.
-    """
-    return record is None or abs(now_ns - record.stamp_ns) > timeout_s * 1e9
-
-
-def is_in_order(record: Stamped, before: Stamped | None, last_tick_ns: int | None, timeout_s: float) -> bool:
-    """Whether a record may follow the one before: not older, and not ahead of the last tick by more than the time-out.
-
-    `before` counts only while it is not itself that far ahead: so a clock that steps back is followed from the first
-    tick after the step. Before the first tick (None) there is no now, and any stamp that is not older will do.
-    """
-    if last_tick_ns is not None:
-        latest_ns = last_tick_ns + timeout_s * 1e9
-        if record.stamp_ns > latest_ns:
-            return False
-        if before is not None and before.stamp_ns > latest_ns:
-            return True
-    return before is None or record.stamp_ns >= before.stamp_ns
 
 
 class SoilEstimator:

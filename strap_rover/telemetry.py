@@ -8,6 +8,7 @@ Records are what the pure cores exchange; each maps one to one, bit for bit, to 
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 from strap_rover.arrays import FloatArray
 
@@ -89,3 +90,34 @@ class WheelCommands:
     stamp_ns: int
     speed: FloatArray
     """[rad/s], shape (W,)."""
+
+
+class Stamped(Protocol):
+    """A record with the time it is of."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time [ns] the record is of."""
+
+
+def is_late(record: Stamped | None, now_ns: int, timeout_s: float) -> bool:
+    """Whether nothing can be said from a record now: none came, or its stamp is off by more than the time-out.
+
+    A stamp of the future is as bad as an old one: after a step of a clock nobody knows how old the record is.
+    """
+    return record is None or abs(now_ns - record.stamp_ns) > timeout_s * 1e9
+
+
+def is_in_order(record: Stamped, before: Stamped | None, last_tick_ns: int | None, timeout_s: float) -> bool:
+    """Whether a record may follow the one before: not older, and not ahead of the last tick by more than the time-out.
+
+    `before` counts only while it is not itself that far ahead: so a clock that steps back is followed from the first
+    tick after the step. Before the first tick (None) there is no now, and any stamp that is not older will do.
+    """
+    if last_tick_ns is not None:
+        latest_ns = last_tick_ns + timeout_s * 1e9
+        if record.stamp_ns > latest_ns:
+            return False
+        if before is not None and before.stamp_ns > latest_ns:
+            return True
+    return before is None or record.stamp_ns >= before.stamp_ns

@@ -200,3 +200,17 @@ def classify(v_a: FloatArray, v_b: FloatArray, limits: ZoneLimits) -> tuple[IntA
     table = np.asarray(rows, dtype=np.float64).reshape(-1, 3)
     shape = v_a.shape
     return table[:, 0].astype(np.int64).reshape(shape), table[:, 1].reshape(shape), table[:, 2].reshape(shape)
+
+
+def travel_angles(theta_1: FloatArray, theta_2: FloatArray, direction: float) -> tuple[FloatArray, FloatArray]:
+    """Entry and exit angle [rad] of a wheel seen along its direction of travel, the entry positive.
+
+    Backwards the wheel is mirrored. The leading end is the entry, whichever of the two it was called.
+
+    Args:
+        theta_1: one end of the contact, positive towards the rover's front [rad].
+        theta_2: the other end [rad].
+        direction: +1 forwards, -1 backwards.
+    """
+    front, rear = direction * theta_1, direction * theta_2
+    return np.maximum(front, rear), np.minimum(front, rear)

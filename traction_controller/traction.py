@@ -6,13 +6,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from soil_flow_estimator.soil_estimator import Stamped, is_in_order, is_late, travel_angles
 from soil_flow_estimator.soil_state import SoilState, SoilStatus
 from strap_rover.arrays import BoolArray, FloatArray, IntArray
 from strap_rover.rover import RoverDescription
 from strap_rover.settings import check_settings
-from strap_rover.telemetry import BodyMotion, SpeedRequest, WheelCommands, WheelStates
-from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus
+from strap_rover.telemetry import (
+    BodyMotion,
+    SpeedRequest,
+    Stamped,
+    WheelCommands,
+    WheelStates,
+    is_in_order,
+    is_late,
+)
+from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus, travel_angles
 from traction_controller.speed_band import SpeedBand, fastest_at_slip, speed_band
 from traction_controller.supervisor import DRIVING_MODES, Fault, StallWatch, Supervisor, TractionMode
 

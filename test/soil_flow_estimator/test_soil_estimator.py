@@ -8,7 +8,6 @@ from soil_flow_estimator.soil_estimator import (
     DeformabilityTable,
     SoilEstimator,
     SoilEstimatorSettings,
-    travel_angles,
 )
 from soil_flow_estimator.soil_state import SoilState, SoilStatus
 from strap_rover.rover import load_rover
@@ -17,7 +16,7 @@ from strap_rover.terramechanics.contact import Wheel, deformability_from_zone, s
 from strap_rover.terramechanics.soil import soil_from_de_st
 from strap_rover.terramechanics.spiral_flow import critical_flow_ratio
 from strap_rover.topics import SOIL_STATE
-from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus
+from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus, travel_angles
 
 ROVER = load_rover("curiosity")
 WHEEL = Wheel(0.25, 0.40)
