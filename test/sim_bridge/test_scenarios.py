@@ -46,7 +46,7 @@ def test_an_unknown_scenario_names_the_known():
         scenario_named("mars")
 
 
-def test_the_reference_snag_is_the_published_situation():
+def test_the_reference_snag_has_its_documented_numbers():
     site = snag_site(ROVER, REFERENCE_SNAG)
     assert site.snag == Snag(28.0, 600.0, 10.0)
     for track in range(2):
