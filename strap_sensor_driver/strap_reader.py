@@ -119,7 +119,7 @@ class StrapReaderSettings:
     order_margin_rad: float = field(default=0.2, metadata=_row("beta_1 - beta_2 that still is a contact", 0.0, 1.0))
     width_max_rad: float = field(default=math.pi, metadata=_row("widest zone that is believed", 0.1, 6.0))
     seam_rotation_max_rad: float = field(
-        default=2.0, metadata=_row("wheel rotation in the seam after which it is a short", 0.1, 6.0)
+        default=3.5, metadata=_row("wheel rotation in the seam after which it is a short; above width_max", 0.1, 6.0)
     )
     stuck_rotation_rad: float = field(
         default=0.35, metadata=_row("wheel rotation an end may stay unchanged, or copy its neighbour", 0.05, 6.0)

@@ -404,10 +404,10 @@ def test_a_seam_that_lasts_too_long_is_a_short():
     rig = Rig(speed=2.0)
     rig.until_valid()
     rig.damage = lambda board, sums: [4092, 4092, *sums[2:]] if board == 0 else sums
-    statuses = _statuses(rig.run(200), 0)
+    statuses = _statuses(rig.run(280), 0)
     first = statuses.index(ContactStatus.FAULT_SHORT)
     assert set(statuses[:first]) == {ContactStatus.PREDICTED}
-    assert 100 <= first <= 150  # 2 rad at 2 rad/s, and up to a zone's width when it began in the seam
+    assert 175 <= first <= 225  # 3.5 rad at 2 rad/s, and up to a zone's width when it began in the seam
     assert set(statuses[first:]) == {ContactStatus.FAULT_SHORT}
 
 
