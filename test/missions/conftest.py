@@ -94,5 +94,9 @@ def demonstrated(tmp_path_factory) -> Demonstrated:
     """The same plan as `recorded`, anew, as the demo runs it."""
     plan = short_plan()
     screen = io.StringIO()
-    result = run_demo(plan, tmp_path_factory.mktemp("demo"), Console(file=screen, force_terminal=True, _environ={"TERM": "xterm"}, width=120))
+    result = run_demo(
+        plan,
+        tmp_path_factory.mktemp("demo"),
+        Console(file=screen, force_terminal=True, _environ={"TERM": "xterm"}, width=120),
+    )
     return Demonstrated(plan, result, screen.getvalue())
