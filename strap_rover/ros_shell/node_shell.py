@@ -20,6 +20,8 @@ from strap_rover.topics import JOINT_STATE, Topic
 SettingsT = TypeVar("SettingsT", bound=Settings)
 
 HEALTH_PERIOD_S = 1.0
+READ_SERIALIZED = frozenset({JOINT_STATE, "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"})
+"""Types whose converters read bytes: building their message objects would cost more than all that is done with them."""
 
 
 class Announcement:
@@ -103,7 +105,7 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
     def listen(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         """Call `callback` with every message of `topic`, counted in `received`.
 
-        A JointState comes serialized, for `NamedValues` or `JointTelemetry` to read; any other type as its object.
+        JointState, Odometry and Imu come serialized, for the converters to read; any other type as its object.
         A MessageError of the callback leaves the message out, counted in `refused` and reported in diagnostics.
         """
         name, received = topic.name, self.received
@@ -117,7 +119,7 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
                 self._refusals[name] = str(error)
 
         message_type = message_class(topic.type_name)
-        raw = topic.type_name == JOINT_STATE
+        raw = topic.type_name in READ_SERIALIZED
         subscription = self.create_subscription(
             message_type, topic.name, count_and_call, qos_profile(topic.delivery), raw=raw
         )

@@ -5,11 +5,13 @@ from array import array
 import numpy as np
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
 from strap_rover.arrays import FloatArray
+from strap_rover.ros_shell.fixed_cdr import FixedCdr
 from strap_rover.ros_shell.joint_state_cdr import JointStateCdr
 from strap_rover.ros_shell.named_values import MessageError
 from strap_rover.ros_shell.stamps import ns_from_time, time_from_ns
@@ -19,7 +21,17 @@ from strap_rover.topics import WHEEL_COMMANDS
 BODY_FRAME = "base_link"
 WORLD_FRAME = "odom"
 _NOTHING = np.empty(0)
-_SPEED_VARIANCE = 0  # index of (x, x) in a row-major 6 x 6 covariance
+
+# Odometry: position 3, orientation 4, covariance 36; linear 3, angular 3, covariance 36.
+_ODOMETRY = FixedCdr((WORLD_FRAME, BODY_FRAME), 85)
+_ODOMETRY_SPEED, _ODOMETRY_SPEED_VARIANCE = 43, 49
+_ODOMETRY_BLANK = np.zeros(85)
+_ODOMETRY_BLANK[6] = 1.0  # no rotation
+
+# Imu: orientation 4, covariance 9; angular velocity 3, covariance 9; linear acceleration 3, covariance 9.
+_IMU_SIZE = 37
+_IMU = FixedCdr((BODY_FRAME,), _IMU_SIZE)
+_IMU_RATE_COVARIANCE, _IMU_ACCELERATION = 16, 25
 
 
 class JointTelemetry:
@@ -86,54 +98,57 @@ class JointTelemetry:
         return values
 
 
-def body_motion_message(motion: BodyMotion) -> Odometry:
-    """Pose in the odom frame, speed in the body frame, variance of the speed."""
-    message = Odometry()
-    message.header.stamp = time_from_ns(motion.stamp_ns)
-    message.header.frame_id = WORLD_FRAME
-    message.child_frame_id = BODY_FRAME
-    position = message.pose.pose.position
-    position.x, position.y, position.z = motion.x, motion.y, motion.z
-    message.twist.twist.linear.x = motion.speed
-    message.twist.covariance[_SPEED_VARIANCE] = motion.speed_std * motion.speed_std
-    return message
+def body_motion_message(motion: BodyMotion) -> bytes:
+    """Serialized Odometry: pose in the odom frame, speed in the body frame, variance of the speed."""
+    values = _ODOMETRY_BLANK.copy()
+    values[:3] = motion.x, motion.y, motion.z
+    values[_ODOMETRY_SPEED] = motion.speed
+    values[_ODOMETRY_SPEED_VARIANCE] = motion.speed_std * motion.speed_std
+    return _ODOMETRY.encode(motion.stamp_ns, values)
 
 
-def body_motion(message: Odometry) -> BodyMotion:
-    """The record in an odometry message; MessageError for a negative variance."""
-    variance = float(message.twist.covariance[_SPEED_VARIANCE])
+def body_motion(message: bytes | Odometry) -> BodyMotion:
+    """The record in an odometry message, serialized or not; MessageError for a negative variance."""
+    read = _ODOMETRY.decode(message) if isinstance(message, bytes) else None
+    if read is not None:
+        stamp_ns, values = read
+        x, y, z = values[:3].tolist()
+        speed, variance = float(values[_ODOMETRY_SPEED]), float(values[_ODOMETRY_SPEED_VARIANCE])
+    else:
+        odometry = deserialize_message(message, Odometry) if isinstance(message, bytes) else message
+        position, twist = odometry.pose.pose.position, odometry.twist
+        stamp_ns, x, y, z = ns_from_time(odometry.header.stamp), position.x, position.y, position.z
+        speed, variance = twist.twist.linear.x, float(twist.covariance[0])
     if not variance >= 0.0:
         raise MessageError(f"odom: twist.covariance[0] = {variance} is no variance; publish one >= 0")
-    position = message.pose.pose.position
-    return BodyMotion(
-        ns_from_time(message.header.stamp),
-        position.x,
-        position.y,
-        position.z,
-        message.twist.twist.linear.x,
-        variance**0.5,
-    )
+    return BodyMotion(stamp_ns, x, y, z, speed, variance**0.5)
 
 
-def attitude_message(attitude: Attitude) -> Imu:
-    """Orientation and forward specific force; angular velocity is marked as not given."""
-    message = Imu()
-    message.header.stamp = time_from_ns(attitude.stamp_ns)
-    message.header.frame_id = BODY_FRAME
-    orientation = message.orientation
-    orientation.x, orientation.y, orientation.z, orientation.w = attitude.orientation
-    message.linear_acceleration.x = attitude.forward_acceleration
-    message.angular_velocity_covariance[0] = -1.0
-    return message
+def attitude_message(attitude: Attitude) -> bytes:
+    """Serialized Imu: orientation and forward specific force; angular velocity is marked as not given."""
+    values = np.zeros(_IMU_SIZE)
+    values[:4] = attitude.orientation
+    values[_IMU_RATE_COVARIANCE] = -1.0
+    values[_IMU_ACCELERATION] = attitude.forward_acceleration
+    return _IMU.encode(attitude.stamp_ns, values)
 
 
-def attitude(message: Imu) -> Attitude:
-    """The record in an IMU message; MessageError when the quaternion is not a rotation."""
-    q = message.orientation
-    norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
+def attitude(message: bytes | Imu) -> Attitude:
+    """The record in an IMU message, serialized or not; MessageError when the quaternion is not a rotation."""
+    read = _IMU.decode(message) if isinstance(message, bytes) else None
+    if read is not None:
+        stamp_ns, values = read
+        x, y, z, w = values[:4].tolist()
+        acceleration = float(values[_IMU_ACCELERATION])
+    else:
+        imu = deserialize_message(message, Imu) if isinstance(message, bytes) else message
+        q = imu.orientation
+        stamp_ns, x, y, z, w = ns_from_time(imu.header.stamp), q.x, q.y, q.z, q.w
+        acceleration = imu.linear_acceleration.x
+    norm = x * x + y * y + z * z + w * w
     if not 0.9 < norm < 1.1:
         raise MessageError(f"imu: orientation has squared norm {norm:.3g}, not 1: the IMU gives no attitude")
-    return Attitude(ns_from_time(message.header.stamp), (q.x, q.y, q.z, q.w), message.linear_acceleration.x)
+    return Attitude(stamp_ns, (x, y, z, w), acceleration)
 
 
 def speed_request_message(request: SpeedRequest) -> TwistStamped:

@@ -6,7 +6,7 @@ import signal
 import sys
 
 import pytest
-from nav_msgs.msg import Odometry
+from std_msgs.msg import Float64MultiArray
 
 import strap_rover
 from missions import lockstep
@@ -195,8 +195,8 @@ def messages_in(bag):
 
 
 def in_the_middle_of(monkeypatch, number, where):
-    """Raise signal `number` once, while the file `where` makes its 100th Odometry."""
-    plain, calls = Odometry.__init__, [0]
+    """Raise signal `number` once, while the file `where` makes its 100th Float64MultiArray."""
+    plain, calls = Float64MultiArray.__init__, [0]
 
     def signalling(self, *args, **kwargs):
         if sys._getframe(1).f_code.co_filename.endswith(where):
@@ -205,7 +205,7 @@ def in_the_middle_of(monkeypatch, number, where):
                 signal.raise_signal(number)
         plain(self, *args, **kwargs)
 
-    monkeypatch.setattr(Odometry, "__init__", signalling)
+    monkeypatch.setattr(Float64MultiArray, "__init__", signalling)
 
 
 @pytest.mark.parametrize(

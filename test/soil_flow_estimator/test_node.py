@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rclpy
+from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
-from sensor_msgs.msg import JointState
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Imu, JointState
 
 from soil_flow_estimator.messages import SoilMessages
 from soil_flow_estimator.node import SoilFlowEstimator
@@ -150,8 +152,10 @@ def test_old_inputs_are_not_used(bench):
 def test_a_message_that_breaks_the_contract_is_reported_and_the_node_lives_on(bench, name):
     bad = messages(inputs(20 * MS))[name]
     if name == "odom":
+        bad = deserialize_message(bad, Odometry)
         bad.twist.covariance[0] = -1.0
     elif name == "imu":
+        bad = deserialize_message(bad, Imu)
         bad.orientation.w = 0.0
     else:
         bad = JointState(name=["w"], position=[1.0], velocity=[1.0])
@@ -177,6 +181,7 @@ def test_every_input_reaches_the_core_and_numbers_that_are_not_finite_are_counte
             replace(angles, theta_1=np.full(6, np.nan)),
         )
     )
+    spoilt["imu"] = deserialize_message(spoilt["imu"], Imu)
     spoilt["imu"].header.stamp.sec = -5  # no attitude that is not finite gets this far: this one is out of order
     bench.feed({"imu": messages(inputs(20 * MS))["imu"]})
     bench.feed({name: spoilt[name]})

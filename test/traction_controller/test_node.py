@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rclpy
+from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
@@ -165,6 +167,7 @@ def test_an_input_that_stops_is_a_fault_in_words(bench):
 def test_a_message_that_breaks_the_contract_is_reported_and_the_node_lives_on(bench, name):
     bad = messages(inputs(10 * MS))["odom"] if name == "odom" else JointState(name=["w"], position=[1.0])
     if name == "odom":
+        bad = deserialize_message(bad, Odometry)
         bad.twist.covariance[0] = -1.0
     bench.feed({name: bad})
     assert bench.node.refused == {name: 1}

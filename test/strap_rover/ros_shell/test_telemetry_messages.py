@@ -29,6 +29,12 @@ def sent(message):
     return deserialize_message(serialize_message(message), type(message))
 
 
+def forms(ours, message_type):
+    """Our bytes, the object rclpy reads in them, and the bytes rclpy makes of that, padding of its own included."""
+    message = deserialize_message(ours, message_type)
+    return ours, message, bytes(serialize_message(message))
+
+
 def bits(*arrays):
     return [array.tobytes() for array in arrays]
 
@@ -95,15 +101,31 @@ def test_joint_states_of_other_senders(form):
 @given(STAMPS, FINITE, FINITE, FINITE, FINITE, st.floats(0.0, 1e3))
 def test_body_motion_comes_back(stamp_ns, x, y, z, speed, speed_std):
     motion = BodyMotion(stamp_ns, x, y, z, speed, speed_std)
-    back = telemetry.body_motion(sent(telemetry.body_motion_message(motion)))
-    assert (back.stamp_ns, back.x, back.y, back.z, back.speed) == (stamp_ns, x, y, z, speed)
-    assert back.speed_std == pytest.approx(speed_std, rel=1e-15, abs=1e-160)  # it travels as its square
+    for form in forms(telemetry.body_motion_message(motion), Odometry):
+        back = telemetry.body_motion(form)
+        assert (back.stamp_ns, back.x, back.y, back.z, back.speed) == (stamp_ns, x, y, z, speed)
+        assert back.speed_std == pytest.approx(speed_std, rel=1e-15, abs=1e-160)  # it travels as its square
 
 
 def test_odometry_stands_in_the_frames_of_rep_105():
-    message = telemetry.body_motion_message(BodyMotion(0, 1.0, 2.0, 3.0, 0.5, 0.1))
-    assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
-    assert message.twist.covariance[0] == pytest.approx(0.01)
+    message = deserialize_message(telemetry.body_motion_message(BodyMotion(7, 1.0, 2.0, 3.0, 0.5, 0.1)), Odometry)
+    expected = Odometry(child_frame_id="base_link")
+    expected.header.frame_id = "odom"
+    expected.header.stamp.nanosec = 7
+    position = expected.pose.pose.position
+    position.x, position.y, position.z = 1.0, 2.0, 3.0
+    expected.twist.twist.linear.x = 0.5
+    expected.twist.covariance[0] = 0.1 * 0.1
+    assert message == expected
+
+
+def test_odometry_in_frames_of_another_sender_is_read_too():
+    message = Odometry(child_frame_id="rover/base")
+    message.header.frame_id = "map"
+    message.pose.pose.position.x = 4.0
+    message.twist.twist.linear.x = 0.25
+    back = telemetry.body_motion(bytes(serialize_message(message)))
+    assert (back.x, back.speed, back.speed_std) == (4.0, 0.25, 0.0)
 
 
 @pytest.mark.parametrize("variance", [-1e-9, math.nan])
@@ -117,14 +139,29 @@ def test_odometry_without_a_variance_is_refused(variance):
 @given(STAMPS, st.floats(-1.5, 1.5), FINITE)
 def test_attitude_comes_back_with_pitch(stamp_ns, pitch, acceleration):
     quaternion = (0.0, -math.sin(0.5 * pitch), 0.0, math.cos(0.5 * pitch))
-    back = telemetry.attitude(sent(telemetry.attitude_message(Attitude(stamp_ns, quaternion, acceleration))))
-    assert (back.stamp_ns, back.orientation, back.forward_acceleration) == (stamp_ns, quaternion, acceleration)
-    assert back.pitch == pytest.approx(pitch, abs=1e-7)
-    assert back.roll == 0.0
+    for form in forms(telemetry.attitude_message(Attitude(stamp_ns, quaternion, acceleration)), Imu):
+        back = telemetry.attitude(form)
+        assert (back.stamp_ns, back.orientation, back.forward_acceleration) == (stamp_ns, quaternion, acceleration)
+        assert back.pitch == pytest.approx(pitch, abs=1e-7)
+        assert back.roll == 0.0
 
 
 def test_an_imu_message_says_that_it_has_no_rates():
-    assert telemetry.attitude_message(Attitude(0, (0.0, 0.0, 0.0, 1.0), 0.0)).angular_velocity_covariance[0] == -1.0
+    message = deserialize_message(telemetry.attitude_message(Attitude(0, (0.0, 0.6, 0.0, 0.8), 0.5)), Imu)
+    expected = Imu()
+    expected.header.frame_id = "base_link"
+    expected.orientation.y, expected.orientation.w = 0.6, 0.8
+    expected.angular_velocity_covariance[0] = -1.0
+    expected.linear_acceleration.x = 0.5
+    assert message == expected
+
+
+@pytest.mark.parametrize("cut", [0, 3, 11, 20, 100])
+def test_bytes_that_are_no_message_of_ours_are_left_to_rclpy(cut):
+    ours = telemetry.attitude_message(Attitude(0, (0.0, 0.0, 0.0, 1.0), 0.0))
+    assert telemetry._IMU.decode(ours[:cut]) is None
+    assert telemetry._IMU.decode(b"\x00\x00" + ours[2:]) is None  # big endian
+    assert telemetry._ODOMETRY.decode(ours) is None
 
 
 @pytest.mark.parametrize("w", [0.0, 2.0, math.nan])
