@@ -6,19 +6,13 @@ once. The bytes are those of any other sender (XCDR1, little endian), with zeros
 in memory, so equal values give equal bytes. What does not look like our own bytes is read by rclpy.
 """
 
-import struct
-
 import numpy as np
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from strap_rover.arrays import FloatArray
+from strap_rover.ros_shell.cdr import AFTER_STAMP, COUNT, LITTLE_ENDIAN, STAMP, append_text, pad
 from strap_rover.ros_shell.stamps import NS_PER_S
-
-_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
-_STAMP = struct.Struct("<iI")
-_COUNT = struct.Struct("<I")
-_AFTER_STAMP = len(_LITTLE_ENDIAN) + _STAMP.size
 
 
 class JointStateCdr:
@@ -26,44 +20,44 @@ class JointStateCdr:
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self.names = names
-        body = bytearray(_STAMP.size)  # alignment counts from behind the encapsulation header
-        _append_text(body, "")
-        _pad(body, 4)
-        body += _COUNT.pack(len(names))
+        body = bytearray(STAMP.size)  # alignment counts from behind the encapsulation header
+        append_text(body, "")
+        pad(body, 4)
+        body += COUNT.pack(len(names))
         for name in names:
-            _append_text(body, name)
-        _pad(body, 4)
-        self._constant = bytes(body[_STAMP.size :])
+            append_text(body, name)
+        pad(body, 4)
+        self._constant = bytes(body[STAMP.size :])
         self._offset = len(body)
 
     def encode(self, stamp_ns: int, position: FloatArray, velocity: FloatArray, effort: FloatArray) -> bytes:
         """The message with float64 arrays of any shape, flattened."""
-        parts = [_LITTLE_ENDIAN, _STAMP.pack(*divmod(stamp_ns, NS_PER_S)), self._constant]
+        parts = [LITTLE_ENDIAN, STAMP.pack(*divmod(stamp_ns, NS_PER_S)), self._constant]
         offset = self._offset
         for values in (position, velocity, effort):
             gap, offset = _sequence_gap(offset, values.size)
-            parts += (_COUNT.pack(values.size), gap, values.tobytes())
+            parts += (COUNT.pack(values.size), gap, values.tobytes())
         return b"".join(parts)
 
     def decode(self, data: bytes) -> tuple[int, FloatArray, FloatArray, FloatArray] | None:
         """Stamp [ns], positions, velocities, efforts; None when the names or the encoding are not these."""
-        constant_end = _AFTER_STAMP + len(self._constant)
-        if data[:4] != _LITTLE_ENDIAN or data[_AFTER_STAMP:constant_end] != self._constant:
+        constant_end = AFTER_STAMP + len(self._constant)
+        if data[:4] != LITTLE_ENDIAN or data[AFTER_STAMP:constant_end] != self._constant:
             return None
         sequences = []
         offset = self._offset
         for _ in range(3):
-            start = offset + len(_LITTLE_ENDIAN)
-            if start + _COUNT.size > len(data):
+            start = offset + len(LITTLE_ENDIAN)
+            if start + COUNT.size > len(data):
                 return None
-            (count,) = _COUNT.unpack_from(data, start)
+            (count,) = COUNT.unpack_from(data, start)
             gap, end = _sequence_gap(offset, count)
-            start += _COUNT.size + len(gap)
-            if end + len(_LITTLE_ENDIAN) > len(data):
+            start += COUNT.size + len(gap)
+            if end + len(LITTLE_ENDIAN) > len(data):
                 return None
             sequences.append(np.frombuffer(data, np.float64, count, start).copy() if count else np.empty(0))
             offset = end
-        seconds, nanoseconds = _STAMP.unpack_from(data, len(_LITTLE_ENDIAN))
+        seconds, nanoseconds = STAMP.unpack_from(data, len(LITTLE_ENDIAN))
         position, velocity, effort = sequences
         return seconds * NS_PER_S + nanoseconds, position, velocity, effort
 
@@ -76,18 +70,8 @@ class JointStateCdr:
 
 def _sequence_gap(offset: int, count: int) -> tuple[bytes, int]:
     """Padding between the count of a float64 sequence at `offset` and its values, and the offset behind them."""
-    after_count = offset + _COUNT.size
+    after_count = offset + COUNT.size
     if count == 0:
         return b"", after_count
     gap = -after_count % 8
     return bytes(gap), after_count + gap + 8 * count
-
-
-def _pad(body: bytearray, alignment: int) -> None:
-    body += bytes(-len(body) % alignment)
-
-
-def _append_text(body: bytearray, text: str) -> None:
-    encoded = text.encode() + b"\x00"
-    _pad(body, 4)
-    body += _COUNT.pack(len(encoded)) + encoded
