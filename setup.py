@@ -70,11 +70,12 @@ setup(
     entry_points={
         "console_scripts": [
             "strap_rover = missions.command_line:main",
-            "strap_sensor_driver = strap_sensor_driver.node:main",
-            "soil_flow_estimator = soil_flow_estimator.node:main",
-            "traction_controller = traction_controller.node:main",
-            "sim_bridge = sim_bridge.node:main",
-            "recorder = strap_rover.flight_recorder.node:main",
+            "strap_sensor_driver = missions.node_processes:strap_sensor_driver",
+            "soil_flow_estimator = missions.node_processes:soil_flow_estimator",
+            "traction_controller = missions.node_processes:traction_controller",
+            "sim_bridge = missions.node_processes:sim_bridge",
+            "recorder = missions.node_processes:recorder",
+            "player = missions.node_processes:player",
         ],
     },
 )

@@ -1,6 +1,5 @@
 """The simulated world as a node: wheel commands in; clock, telemetry and strap frames out."""
 
-import sys
 from collections.abc import Mapping, Sequence
 
 from rclpy.context import Context
@@ -83,6 +82,6 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         return [Health("world", HealthLevel.OK, self.world.scenario.name, values)]
 
 
-def main() -> None:
-    """`ros2 run strap_rover sim_bridge`."""
-    sys.exit(run_node(SimBridge))
+def main() -> int:
+    """`ros2 run strap_rover sim_bridge`: the exit code."""
+    return run_node(SimBridge)

@@ -1,6 +1,5 @@
 """The soil estimator as a node: telemetry and contact angles in, soil state out."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 
@@ -67,6 +66,6 @@ class SoilFlowEstimator(NodeShell[SoilEstimatorParameters]):
         return [Health("soil", HealthLevel.OK, "estimating", counts)]
 
 
-def main() -> None:
-    """`ros2 run strap_rover soil_flow_estimator`."""
-    sys.exit(run_node(SoilFlowEstimator))
+def main() -> int:
+    """`ros2 run strap_rover soil_flow_estimator`: the exit code."""
+    return run_node(SoilFlowEstimator)

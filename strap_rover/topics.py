@@ -50,12 +50,21 @@ class Topic:
     whole_rover: tuple[Quantity, ...] = ()
     always_present: bool = True
     """False: the topic exists only in some runs (simulation, or a live graph)."""
+    steady: bool = True
+    """False: silence is nothing wrong, as of an operator who does not drive."""
 
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
 CLOCK = Topic(
-    "/clock", "rosgraph_msgs/msg/Clock", Delivery.SENSOR, 100.0, "sim_bridge", "simulated time", always_present=False
+    "/clock",
+    "rosgraph_msgs/msg/Clock",
+    Delivery.SENSOR,
+    100.0,
+    "sim_bridge",
+    "simulated time",
+    always_present=False,
+    steady=False,
 )
 STRAP_RAW = Topic(
     "strap/raw",
@@ -132,7 +141,13 @@ SOIL_STATE = Topic(
     ),
 )
 CMD_VEL = Topic(
-    "cmd_vel", "geometry_msgs/msg/TwistStamped", Delivery.RELIABLE, 10.0, "operator or planner", "body speed asked for"
+    "cmd_vel",
+    "geometry_msgs/msg/TwistStamped",
+    Delivery.RELIABLE,
+    10.0,
+    "operator or planner",
+    "body speed asked for",
+    steady=False,
 )
 WHEEL_COMMANDS = Topic(
     "wheel_commands",
@@ -201,6 +216,7 @@ DIAGNOSTICS = Topic(
     1.0,
     "all",
     "health of every node, with the remedy in words",
+    steady=False,
 )
 
 CONTRACT: tuple[Topic, ...] = (

@@ -1,6 +1,5 @@
 """The strap driver as a node: bytes from the boards in, frames, volts and contact angles out."""
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
@@ -103,6 +102,6 @@ def _board_health(board: BoardHealth) -> Health:
     return Health(name, HealthLevel.OK, f"firmware {board.hello.version}", counts)
 
 
-def main() -> None:
-    """`ros2 run strap_rover strap_sensor_driver`."""
-    sys.exit(run_node(lambda: StrapSensorDriver({})))
+def main() -> int:
+    """`ros2 run strap_rover strap_sensor_driver`: the exit code."""
+    return run_node(lambda: StrapSensorDriver({}))

@@ -1,6 +1,5 @@
 """The traction controller as a node: speed request and what is known of the soil in, wheel commands out."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -102,6 +101,6 @@ class TractionControllerNode(NodeShell[TractionParameters]):
         return response
 
 
-def main() -> None:
-    """`ros2 run strap_rover traction_controller`."""
-    sys.exit(run_node(TractionControllerNode))
+def main() -> int:
+    """`ros2 run strap_rover traction_controller`: the exit code."""
+    return run_node(TractionControllerNode)

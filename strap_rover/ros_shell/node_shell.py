@@ -1,10 +1,12 @@
 """The node every strap_rover node is made of: checked parameters, counted topics, lockstep delivery, health."""
 
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -14,6 +16,7 @@ from strap_rover.ros_shell.health import Health, HealthLevel, health_message
 from strap_rover.ros_shell.named_values import MessageError
 from strap_rover.ros_shell.parameters import declarations, plain_values
 from strap_rover.ros_shell.qos import message_class, qos_profile
+from strap_rover.ros_shell.traffic import Traffic
 from strap_rover.settings import Settings, SettingsError, field_types, settings_as_mapping, settings_from_mapping
 from strap_rover.topics import JOINT_STATE, Topic
 
@@ -42,7 +45,7 @@ class Announcement:
 class _Listened(NamedTuple):
     """One subscription; its handle is kept beside it, since the property behind it is slow."""
 
-    topic_name: str
+    topic: Topic
     subscription: Any
     handle: Any
     message_type: type[Any]
@@ -68,7 +71,6 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
         *,
         settings: SettingsT | None = None,
         context: Context | None = None,
-        use_sim_time: bool = False,
         self_ticking: bool = True,
     ) -> None:
         super().__init__(
@@ -77,18 +79,12 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
             use_global_arguments=settings is None,
             enable_rosout=self_ticking,
             start_parameter_services=self_ticking,
-            parameter_overrides=[Parameter("use_sim_time", value=True)] if use_sim_time else None,
         )
         self.self_ticking = self_ticking
-        self.received: Counter[str] = Counter()
-        """Messages handed to callbacks, by topic name of the contract."""
-        self.published: Counter[str] = Counter()
-        """Messages sent, by topic name of the contract."""
-        self.refused: Counter[str] = Counter()
-        """Messages received that break the contract, by topic name; they are left out and reported in diagnostics."""
-        self._refusals: dict[str, str] = {}
-        self._announced: list[Announcement] = []
         self._lockstep_now_ns = 0
+        # Ages and rates go by a clock that nobody sets.
+        self._traffic = Traffic(time.monotonic_ns if self_ticking else lambda: self._lockstep_now_ns)
+        self._announced: list[Announcement] = []
         self._listened: list[_Listened] = []
         try:
             self.settings: SettingsT = self._overridden(settings_type) if settings is None else settings
@@ -100,7 +96,33 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
         self.add_post_set_parameters_callback(self._change)
         self._diagnostics = self.announce(topics.DIAGNOSTICS)
         if self_ticking:
-            self.create_timer(HEALTH_PERIOD_S, self.report_health)
+            self.every(HEALTH_PERIOD_S, self.report_health)
+
+    @property
+    def received(self) -> Counter[str]:
+        """Messages handed to callbacks, by topic name of the contract."""
+        return self._traffic.received
+
+    @property
+    def published(self) -> Counter[str]:
+        """Messages sent, by topic name of the contract."""
+        return self._traffic.published
+
+    @property
+    def refused(self) -> Counter[str]:
+        """Messages received that break the contract, by topic name; they are left out and reported in diagnostics."""
+        return self._traffic.refused
+
+    def every(self, period_s: float, callback: Callable[[], None]) -> None:
+        """Call `callback` every `period_s`, for a node that ticks by itself.
+
+        By /clock where `use_sim_time` is set; otherwise by a clock that nobody sets: a timer on the host's clock
+        stands still when that is set back, and with it every time-out.
+        """
+        is_simulated = bool(self.get_parameter("use_sim_time").value)
+        self.create_timer(
+            period_s, callback, clock=self.get_clock() if is_simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        )
 
     def listen(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         """Call `callback` with every message of `topic`, counted in `received`.
@@ -108,24 +130,21 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
         JointState, Odometry and Imu come serialized, for the converters to read; any other type as its object.
         A MessageError of the callback leaves the message out, counted in `refused` and reported in diagnostics.
         """
-        name, received = topic.name, self.received
+        name, traffic = topic.name, self._traffic
 
         def count_and_call(message: Any) -> None:
-            received[name] += 1
+            traffic.note(name)
             try:
                 callback(message)
             except MessageError as error:
-                self.refused[name] += 1
-                self._refusals[name] = str(error)
+                traffic.refuse(name, str(error))
 
         message_type = message_class(topic.type_name)
         raw = topic.type_name in READ_SERIALIZED
         subscription = self.create_subscription(
             message_type, topic.name, count_and_call, qos_profile(topic.delivery), raw=raw
         )
-        self._listened.append(
-            _Listened(topic.name, subscription, subscription.handle, message_type, raw, count_and_call)
-        )
+        self._listened.append(_Listened(topic, subscription, subscription.handle, message_type, raw, count_and_call))
 
     def announce(self, topic: Topic) -> Announcement:
         """A publisher for `topic`; its messages are counted in `published`."""
@@ -137,11 +156,11 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
     @property
     def listened_topics(self) -> tuple[str, ...]:
         """Names of the topics listened to, in the order of `listen`."""
-        return tuple(listened.topic_name for listened in self._listened)
+        return tuple(listened.topic.name for listened in self._listened)
 
     def publisher_counts(self) -> dict[str, int]:
         """How many publishers each topic listened to has found."""
-        return {listened.topic_name: listened.subscription.get_publisher_count() for listened in self._listened}
+        return {listened.topic.name: listened.subscription.get_publisher_count() for listened in self._listened}
 
     def subscription_counts(self) -> dict[str, int]:
         """How many subscriptions each announced topic has found."""
@@ -161,7 +180,8 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
         """
         complete = True
         for subscription in self._listened:
-            due = sent[subscription.topic_name] - self.received[subscription.topic_name]
+            name = subscription.topic.name
+            due = sent[name] - self.received[name]
             if due > 0 and self._take(subscription, due) < due:
                 complete = False
         return complete
@@ -199,18 +219,14 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
         return cast("int", self.get_clock().now().nanoseconds)
 
     def health(self) -> Sequence[Health]:
-        """How the node is; subclasses say more."""
-        counts = {f"received {name}": count for name, count in self.received.items()}
-        counts.update({f"published {name}": count for name, count in self.published.items()})
-        return [Health("node", HealthLevel.OK, "running", counts)]
+        """How the node's own work goes; subclasses say it."""
+        return ()
 
     def report_health(self) -> None:
-        """Publish `health()` and what was refused; once per second, by timer when live, by the runner in lockstep."""
-        refusals = [
-            Health(f"topic {name}", HealthLevel.ERROR, self._refusals[name], {"refused": count})
-            for name, count in self.refused.items()
-        ]
-        self.publish_health([*self.health(), *refusals])
+        """Publish `health()` and the traffic; once per second, by timer when live, by the runner in lockstep."""
+        listened = {each.topic: each.subscription.get_publisher_count() for each in self._listened}
+        announced = {announcement.topic: announcement.subscription_count() for announcement in self._announced}
+        self.publish_health([*self.health(), *self._traffic.report(listened, announced)])
 
     def publish_health(self, parts: Iterable[tuple[str, HealthLevel, str, Mapping[str, object]]]) -> None:
         """Publish (name, level, message with the remedy, values) of each part on /diagnostics."""

@@ -7,7 +7,6 @@ import argparse
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from types import FrameType
 from typing import Any
 
 import rclpy
@@ -16,6 +15,8 @@ from rclpy.exceptions import NotInitializedException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.utilities import remove_ros_args
+
+from strap_rover.ros_shell.quiet_start import hand_over, take_signals
 
 EXIT_OK = 0
 EXIT_BAD_SETTINGS = 2
@@ -34,12 +35,13 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
     made, is a bug and passes through.
     """
     argv = list(sys.argv if args is None else args)
-    signal.signal(signal.SIGINT, _take_no_notice)
+    take_signals()
     try:
         rclpy.init(args=argv)
     except (RCLError, UnknownROSArgsError) as error:
         sys.stderr.write(f"ROS arguments: {error}\n")
         return EXIT_BAD_SETTINGS
+    hand_over()
     node = None
     try:
         events = _wants_events_executor(remove_ros_args(argv)[1:])
@@ -63,10 +65,6 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
             node.destroy_node()
         rclpy.try_shutdown()
     return EXIT_OK
-
-
-def _take_no_notice(_signal_number: int, _frame: FrameType | None) -> None:
-    """In place of Python's SIGINT handler, which would raise KeyboardInterrupt anywhere; rclpy's runs before this."""
 
 
 def _wants_events_executor(arguments: Sequence[str]) -> bool:

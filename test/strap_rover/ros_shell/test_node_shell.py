@@ -2,10 +2,13 @@ from dataclasses import dataclass, field
 
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
+from rclpy.clock import ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -13,7 +16,7 @@ from strap_rover.ros_shell.health import Health, HealthLevel
 from strap_rover.ros_shell.named_values import MessageError, NamedValues
 from strap_rover.ros_shell.node_shell import NodeShell
 from strap_rover.settings import SettingsError
-from strap_rover.topics import CMD_VEL, DIAGNOSTICS, SOIL_STATE, WHEEL_COMMANDS
+from strap_rover.topics import CLOCK, CMD_VEL, DIAGNOSTICS, SOIL_STATE, WHEEL_COMMANDS
 
 pytestmark = pytest.mark.ros
 
@@ -213,9 +216,37 @@ def test_a_live_node_goes_by_its_own_clock(context_with):
 
 
 def test_simulated_time_stands_still_until_a_clock_comes(context_with):
-    node = ProbeNode(context=context_with(), use_sim_time=True)
-    assert node.get_parameter("use_sim_time").value is True
+    node = ProbeNode(context=context_with("-p", "use_sim_time:=true"))
     assert node.now_ns() == 0
+
+
+def test_what_happens_every_so_often_goes_by_simulated_time_where_that_is_set(context_with, wait_until):
+    node = ProbeNode(context=context_with("-p", "use_sim_time:=true"))
+    other = ProbeNode("clock", settings=Probe(), context=context_with(), self_ticking=False)
+    clock, calls = other.announce(CLOCK), []
+    node.every(0.5, lambda: calls.append(node.now_ns()))
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    wait_until(clock.subscription_count)
+
+    def advance_to(seconds):
+        """A late subscription misses the first; the time stands still until it is told the same again."""
+        clock.send(Clock(clock=Time(sec=seconds)))
+        executor.spin_once(timeout_sec=0.02)
+
+    wait_until(lambda: calls, lambda: advance_to(10))  # the jump from 0 is due once
+    calls.clear()
+    for _ in range(30):
+        executor.spin_once(timeout_sec=0.02)
+    assert calls == []  # 0.6 s of wall time, none of /clock
+    wait_until(lambda: calls, lambda: advance_to(11))
+    executor.shutdown()
+
+
+def test_what_happens_every_so_often_goes_by_a_clock_that_nobody_sets(context_with):
+    node = ProbeNode(context=context_with())
+    node.every(0.5, lambda: None)
+    assert {timer.clock.clock_type for timer in node.timers} == {ClockType.STEADY_TIME}
 
 
 def test_health_is_published_when_the_runner_asks(lockstep, wait_until):
@@ -231,7 +262,9 @@ def test_health_is_published_when_the_runner_asks(lockstep, wait_until):
     assert seen[0].status[0].level == DiagnosticStatus.WARN
     node.report_health()
     wait_until(lambda: len(seen) == 2, listener.drain)
-    assert [(item.key, item.value) for item in seen[1].status[0].values] == [("published /diagnostics", "1")]
+    (output,) = seen[1].status
+    assert output.name == "probe: output"
+    assert [(item.key, item.value) for item in output.values] == [("/diagnostics", "0.3 Hz, 1 sent, 1 listening")]
 
 
 def test_health_is_published_by_itself_when_live(context_with, wait_until):
@@ -315,11 +348,12 @@ def test_a_message_that_breaks_the_contract_is_left_out_counted_and_reported(loc
     assert receiver.refused == {SOIL_STATE.name: 2}
     receiver.report_health()
     wait_until(lambda: reports, listener.drain)
-    node, refusal = reports[0].status
-    assert node.name == "receiver: node"
+    refusal, output = reports[0].status
+    assert output.name == "receiver: output"
     assert (refusal.name, refusal.level) == ("receiver: topic soil_state", DiagnosticStatus.ERROR)
     assert "0 names, expected 22" in refusal.message  # the last one refused
-    assert [(item.key, item.value) for item in refusal.values] == [("refused", "2")]
+    values = {item.key: item.value for item in refusal.values}
+    assert (values["received"], values["refused"], values["publishers"]) == ("4", "2", "1")
 
 
 def test_an_executor_does_not_stumble_over_such_a_message(context_with, wait_until):
