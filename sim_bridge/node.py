@@ -1,5 +1,6 @@
 """The simulated world as a node: wheel commands in; clock, telemetry and strap frames out."""
 
+import time
 from collections.abc import Mapping, Sequence
 
 from rclpy.context import Context
@@ -7,18 +8,29 @@ from rclpy.context import Context
 from sim_bridge.messages import TruthMessages
 from sim_bridge.parameters import SimBridgeParameters
 from sim_bridge.scenarios import Scenario, scenario_named
-from sim_bridge.world import World, board_links
+from sim_bridge.virtual_ports import VirtualPorts
+from sim_bridge.world import World, WorldReport, board_links
 from strap_rover import topics
 from strap_rover.ros_shell import telemetry_messages as telemetry
 from strap_rover.ros_shell.health import Health, HealthLevel
 from strap_rover.ros_shell.node_shell import NodeShell
 from strap_rover.ros_shell.process import run_node
 from strap_rover.rover import load_rover
+from strap_rover.settings import SettingsError
 from strap_sensor_driver.link import ByteLink
+
+LAG_LIMIT_NS = 500_000_000
+"""A world that is later than this (its process was stopped) does not catch up: its time goes on from now."""
 
 
 class SimBridge(NodeShell[SimBridgeParameters]):
-    """Moves the world and publishes what its sensors see; strap frames go to the links."""
+    """Moves the world and publishes what its sensors see; strap frames go to the links.
+
+    Live it goes by the host's clock, as a rover does, and serves the boards on pseudo-terminals. In lockstep, and with
+    `links`, the runner's time and links take their place, and /clock says that time.
+    """
+
+    _ports: VirtualPorts | None = None
 
     def __init__(
         self,
@@ -38,10 +50,14 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         )
         chosen = scenario or scenario_named(self.settings.scenario)
         rover = load_rover(self.settings.rover or chosen.rover)
-        if links is None:
+        if self_ticking and self.get_parameter("use_sim_time").value:
+            raise SettingsError(["sim_bridge: a live world goes by the host's clock; leave use_sim_time false"])
+        if links is None and self_ticking:
+            self._ports = VirtualPorts(self.settings, rover.boards)
+            links = self._ports.lines
+        elif links is None:
             links = {board: ends[1] for board, ends in board_links(rover, self.settings).items()}
         self.world = world = World(rover, chosen, links, self.settings.seed, self.settings)
-        self._start_ns = self.now_ns()
         wheels = len(rover.wheels)
         self._wheel_joints = telemetry.JointTelemetry(topics.WHEEL_STATES.name, rover.wheel_names)
         self._suspension_joints = telemetry.JointTelemetry(topics.SUSPENSION.name, rover.suspension_joints)
@@ -50,36 +66,70 @@ class SimBridge(NodeShell[SimBridgeParameters]):
             topics.WHEEL_COMMANDS,
             lambda m: world.feed_wheel_commands(telemetry.wheel_commands(m, wheels, self.now_ns())),
         )
-        self._clock_announcement = self.announce(topics.CLOCK)
+        self._clock_announcement = None if self_ticking else self.announce(topics.CLOCK)
         self._wheel_states = self.announce(topics.WHEEL_STATES)
         self._odom = self.announce(topics.ODOM)
         self._imu = self.announce(topics.IMU)
         self._suspension = self.announce(topics.SUSPENSION)
         self._ground_truth = self.announce(topics.GROUND_TRUTH)
+        self._lags = 0
         if self_ticking:
-            self.create_timer(world.period_ns * 1e-9, self.tick)
+            self._start()
+            self.every(world.scan_period_ns * 1e-9, self._follow_clock)
 
     def tick(self) -> None:
-        """Move the world up to now, by whole periods, and publish what is seen."""
-        elapsed_ns = self.now_ns() - self._start_ns
-        target_ns = elapsed_ns - elapsed_ns % self.world.period_ns
-        if target_ns <= self.world.now_ns:
-            return
-        report = self.world.advance(target_ns)
-        self._clock_announcement.send(telemetry.clock_message(target_ns))
+        """Move the world up to the time set, by whole periods, and publish what is seen."""
+        target_ns = self.now_ns() - self.now_ns() % self.world.period_ns
+        if target_ns > self.world.now_ns:
+            self._publish(self.world.advance(target_ns))
+
+    def settings_changed(self) -> None:
+        """Begin or end a fault on the serial lines."""
+        if self._ports is not None:
+            self._ports.begin_fault(self.settings, self.world.reset_board)
+
+    def health(self) -> Sequence[Health]:
+        """Where the rover is, and each virtual port."""
+        truth = self.world.ground_truth()
+        x, speed, _, load = truth.whole_rover.tolist()
+        values = {"x_m": round(x, 3), "speed_mps": round(speed, 3), "external_load_n": load, "stood_still": self._lags}
+        world = Health("world", HealthLevel.OK, self.world.scenario.name, values)
+        ports = () if self._ports is None else self._ports.report()
+        return [world, *(Health(f"port {name}", HealthLevel.OK, text, counts) for name, text, counts in ports)]
+
+    def destroy_node(self) -> None:
+        """Close the ports, then as any node."""
+        if self._ports is not None:
+            self._ports.close()
+        super().destroy_node()
+
+    def _start(self) -> None:
+        """The world's time goes on from this moment."""
+        self._origin_ns = time.monotonic_ns() - self.world.now_ns
+        self.world.epoch_ns = self.now_ns() - self.world.now_ns
+
+    def _follow_clock(self) -> None:
+        """Move the world up to now, scan by scan."""
+        world = self.world
+        if time.monotonic_ns() - self._origin_ns - world.now_ns > LAG_LIMIT_NS:
+            self._lags += 1
+            self._start()
+            for board in world.rover.boards:
+                world.reset_board(board)  # their clocks stood still, as no clock does: they begin anew
+        while time.monotonic_ns() - self._origin_ns >= world.now_ns + world.scan_period_ns:
+            report = world.advance_scan()
+            if report is not None:
+                self._publish(report)
+
+    def _publish(self, report: WorldReport) -> None:
+        if self._clock_announcement is not None:
+            self._clock_announcement.send(telemetry.clock_message(self.world.now_ns))
         self._wheel_states.send(self._wheel_joints.wheel_states_message(report.wheel_states))
         self._odom.send(telemetry.body_motion_message(report.body_motion))
         self._imu.send(telemetry.attitude_message(report.attitude))
         self._suspension.send(self._suspension_joints.suspension_message(report.suspension))
         if report.ground_truth is not None:
             self._ground_truth.send(self._truth_messages.ground_truth_message(report.ground_truth))
-
-    def health(self) -> Sequence[Health]:
-        """One part: where the rover is."""
-        truth = self.world.ground_truth()
-        x, speed, _, load = truth.whole_rover.tolist()
-        values = {"x_m": round(x, 3), "speed_mps": round(speed, 3), "external_load_n": load}
-        return [Health("world", HealthLevel.OK, self.world.scenario.name, values)]
 
 
 def main() -> int:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from sim_bridge.line_faults import LineFault
 from sim_bridge.scenarios import SCENARIOS
 from sim_bridge.world import SensorSettings
 
@@ -17,3 +18,28 @@ class SimBridgeParameters(SensorSettings):
         default="", metadata={"doc": "rover description: a name in config/rovers or a path; empty: the scenario's own"}
     )
     seed: int = field(default=0, metadata={"doc": "of terrain and noise", "min": 0, "max": 2**31 - 1})
+    port: str = field(
+        default="/tmp/strap_rover/board_{board}",  # noqa: S108 - a lock keeps others out, and it serves no secrets
+        metadata={"doc": "live: link to the serial port of each virtual board, {board} stands for its id"},
+    )
+    line_fault: str = field(
+        default=LineFault.NONE.value,
+        metadata={
+            "doc": "live: what is wrong with the serial lines, to practise with",
+            "choices": tuple(fault.value for fault in LineFault),
+            "tunable": True,
+        },
+    )
+    line_fault_share: float = field(
+        default=0.1,
+        metadata={
+            "doc": "share of the frames or bytes that the fault strikes",
+            "min": 0.0,
+            "max": 1.0,
+            "tunable": True,
+        },
+    )
+    line_fault_board: int = field(
+        default=-1,
+        metadata={"doc": "board that the fault strikes, -1: all", "min": -1, "max": 255, "tunable": True},
+    )

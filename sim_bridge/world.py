@@ -54,6 +54,26 @@ class SensorSettings:
     position_noise_m: float = field(default=0.001, metadata={"doc": "odometry, 1-sigma", "min": 0.0, "max": 1.0})
     attitude_noise_rad: float = field(default=0.003, metadata={"doc": "pitch, 1-sigma", "min": 0.0, "max": 0.5})
     joint_noise_rad: float = field(default=0.002, metadata={"doc": "suspension, 1-sigma", "min": 0.0, "max": 0.5})
+    board_clock_ppm: float = field(
+        default=0.0,
+        metadata={
+            "doc": "how much too fast the boards' clocks run; every other board as much too slow",
+            "min": -1e4,
+            "max": 1e4,
+        },
+    )
+    board_boot_s: float = field(
+        default=0.0,
+        metadata={"doc": "silence of a board after a reset; an Uno's boot loader takes 2 s", "min": 0.0, "max": 30.0},
+    )
+    command_timeout_s: float = field(
+        default=0.2,
+        metadata={
+            "doc": "age of wheel commands at which the motors are stopped [s], 0 = never",
+            "min": 0.0,
+            "max": 60.0,
+        },
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -132,6 +152,29 @@ def _seeds(rover: RoverDescription, seed: int) -> list[np.random.SeedSequence]:
     return np.random.SeedSequence(seed).spawn(2 + len(rover.boards))
 
 
+@dataclass(slots=True)
+class _Board:
+    """One virtual board, its line and its own time."""
+
+    uno: VirtualUno
+    link: ByteLink
+    wheels: IntArray
+    """Wheel index per channel."""
+    rate: float
+    """Microseconds of the board per microsecond."""
+    session: int
+    """Of the link, when the board last looked."""
+    started_ns: int = 0
+    """World time of its device time zero."""
+    speaks_ns: int = 0
+    """World time at which its boot loader is done."""
+
+    def device_us(self, now_ns: int) -> int:
+        """Device time at world time `now_ns`, not wrapped."""
+        elapsed_us = (now_ns - self.started_ns) // 1000
+        return elapsed_us if self.rate == 1.0 else round(self.rate * elapsed_us)
+
+
 class World:
     """A rover in a scenario. Seed, scenario and commands determine everything it ever says."""
 
@@ -155,20 +198,35 @@ class World:
         self._rng = np.random.default_rng(look)
         self._offsets = np.array([w.strap_offset_rad for w in rover.wheels]) - _THREE_QUARTERS
         self._directions = np.array([float(w.strap_direction) for w in rover.wheels])
-        self._boards: list[tuple[VirtualUno, ByteLink, IntArray]] = [
-            (self._board(board, np.random.default_rng(source)), links[board], self._channels(board))
-            for board, source in zip(rover.boards, boards, strict=True)
-        ]
+        self._boards = {
+            board: _Board(
+                self._board(board, np.random.default_rng(source)),
+                links[board],
+                self._channels(board),
+                1.0 + (1e-6 if index % 2 == 0 else -1e-6) * self.sensors.board_clock_ppm,
+                links[board].session,
+            )
+            for index, (board, source) in enumerate(zip(rover.boards, boards, strict=True))
+        }
         self._step_ns = round(scenario.plant.step_s * NS)
         self._scan_ns, self.period_ns, self._truth_ns = periods_ns(self.sensors, scenario)
         self._half_scan_us = scan_duration_us(self.sensors.osr) // 2
         self._axle_span = self._suspension_geometry()
         self._wheel_x = [wheel.x_m for wheel in rover.wheels]
         self.now_ns = 0
+        self.epoch_ns = 0
+        """What stamps count from: added to the world's own time, which begins with 0 [ns]."""
+        self._command_limit_ns = round(NS * self.sensors.command_timeout_s)
+        self._commanded_ns = 0
 
     def feed_wheel_commands(self, commands: WheelCommands) -> None:
         """Take the speeds asked of the motors [rad/s]."""
         self.plant.commands[:] = commands.speed
+        self._commanded_ns = self.now_ns
+
+    def reset_board(self, board: int) -> None:
+        """Restart a board: it is silent while it boots, and begins anew with device time and sequence 0."""
+        self._restart(self._boards[board])
 
     def advance(self, now_ns: int) -> WorldReport:
         """Move the world to `now_ns`, a whole number of telemetry periods ahead, and look at it.
@@ -178,12 +236,31 @@ class World:
         span = now_ns - self.now_ns
         if span <= 0 or span % self.period_ns:
             raise ValueError(f"the world moves by whole periods of {self.period_ns} ns, not by {span} ns")
-        steps = self._scan_ns // self._step_ns
         while self.now_ns < now_ns:
-            self.plant.advance(steps)
-            self.now_ns += self._scan_ns
-            self._scan_straps()
+            self._advance_scan()
         return self._look()
+
+    def advance_scan(self) -> WorldReport | None:
+        """Move the world by one strap scan; look at it where a telemetry period ends, else None."""
+        self._advance_scan()
+        return self._look() if self.now_ns % self.period_ns == 0 else None
+
+    @property
+    def scan_period_ns(self) -> int:
+        """What `advance_scan` moves the world by [ns]."""
+        return self._scan_ns
+
+    def _advance_scan(self) -> None:
+        if self._command_limit_ns and self.now_ns - self._commanded_ns > self._command_limit_ns:
+            self.plant.commands[:] = 0.0  # what a motor drive does when nobody speaks to it any more
+        self.plant.advance(self._scan_ns // self._step_ns)
+        self.now_ns += self._scan_ns
+        self._scan_straps()
+
+    def _restart(self, board: _Board) -> None:
+        board.uno.restart()
+        board.started_ns = self.now_ns
+        board.speaks_ns = self.now_ns + max(round(NS * self.sensors.board_boot_s), self._scan_ns)
 
     def _scan_straps(self) -> None:
         """One frame per board; the plant's present state is the middle of the scan."""
@@ -195,28 +272,34 @@ class World:
         beta_1 = np.where(forward, leave, entry)
         beta_2 = np.where(forward, entry, leave)
         touching = contact[p.THETA_1] > contact[p.THETA_2]
-        middle_us = self.now_ns // 1000
         sent_ns = self.now_ns + 1000 * self._half_scan_us
-        for board, link, channels in self._boards:
-            for data, _ in link.read(self.now_ns):
-                board.feed(data)
-            frame = board.scan(
-                middle_us - self._half_scan_us,
-                beta_1[channels].tolist(),
-                beta_2[channels].tolist(),
-                touching[channels].tolist(),
+        for board in self._boards.values():
+            for data, _ in board.link.read(self.now_ns):
+                board.uno.feed(data)
+            if board.link.session != board.session:  # an Uno restarts when its port is opened
+                board.session = board.link.session
+                self._restart(board)
+            if self.now_ns < board.speaks_ns:
+                continue
+            wheels = board.wheels
+            frame = board.uno.scan(
+                board.device_us(self.now_ns) - self._half_scan_us,
+                beta_1[wheels].tolist(),
+                beta_2[wheels].tolist(),
+                touching[wheels].tolist(),
             )
-            link.write(frame, sent_ns)
+            board.link.write(frame, sent_ns)
 
     def _look(self) -> WorldReport:
         sensors, body = self.sensors, self.plant.body
+        stamp_ns = self.epoch_ns + self.now_ns
         count = len(self.rover.wheels)
         noise = self._rng.standard_normal(2 * count + 3 + len(self.rover.suspension_joints))
         angle = self.plant.wheels[p.ANGLE].copy()
         if sensors.encoder_step_rad > 0.0:
             angle = np.round(angle / sensors.encoder_step_rad) * sensors.encoder_step_rad
         wheel_states = WheelStates(
-            self.now_ns,
+            stamp_ns,
             angle,
             self.plant.wheels[p.OMEGA] + sensors.wheel_speed_noise_radps * noise[:count],
             self.plant.contact[p.TORQUE] + sensors.torque_noise_nm * noise[count : 2 * count],
@@ -224,7 +307,7 @@ class World:
         rest = noise[2 * count :].tolist()
         heights = self.plant.ground_heights().tolist()
         motion = BodyMotion(
-            self.now_ns,
+            stamp_ns,
             float(body[p.X]) + sensors.position_noise_m * rest[0],
             0.0,
             heights[0],
@@ -234,10 +317,10 @@ class World:
         true_pitch = float(body[p.PITCH])
         pitch = true_pitch + sensors.attitude_noise_rad * rest[2]
         acceleration = float(body[p.ACCELERATION]) + self.rover.gravity_mps2 * math.sin(true_pitch)
-        attitude = Attitude(self.now_ns, (0.0, -math.sin(0.5 * pitch), 0.0, math.cos(0.5 * pitch)), acceleration)
+        attitude = Attitude(stamp_ns, (0.0, -math.sin(0.5 * pitch), 0.0, math.cos(0.5 * pitch)), acceleration)
         joints = self._suspension_angles(true_pitch, heights, rest[3:])
         truth = self.ground_truth() if self.now_ns % self._truth_ns == 0 else None
-        return WorldReport(wheel_states, motion, attitude, Suspension(self.now_ns, joints), truth)
+        return WorldReport(wheel_states, motion, attitude, Suspension(stamp_ns, joints), truth)
 
     def ground_truth(self) -> GroundTruth:
         """The world as it is now."""
@@ -257,7 +340,7 @@ class World:
             axis=1,
         )
         whole = np.array([body[p.X], body[p.SPEED], body[p.PITCH], body[p.EXTERNAL_LOAD]])
-        return GroundTruth(self.now_ns, per_wheel, whole)
+        return GroundTruth(self.epoch_ns + self.now_ns, per_wheel, whole)
 
     def _board(self, board: int, rng: np.random.Generator) -> VirtualUno:
         wheels = {wheel.channel: wheel for wheel in self.rover.wheels if wheel.board == board}

@@ -23,6 +23,10 @@ class ByteLink(Protocol):
     def name(self) -> str:
         """Port or label, for diagnostics."""
 
+    @property
+    def session(self) -> int:
+        """Number of the opening that what `read` last returned belongs to; a change means that nothing carries over."""
+
     def read(self, now_ns: int) -> list[tuple[bytes, int]]:
         """Everything that has arrived by `now_ns` as (bytes, host time of arrival [ns]), oldest first; no waiting.
 
@@ -95,6 +99,11 @@ class MemoryLink:
     def name(self) -> str:
         """The label given to `pair`."""
         return self._name
+
+    @property
+    def session(self) -> int:
+        """Always 1: a line in memory is opened once."""
+        return 1
 
     @property
     def dropped_bytes(self) -> int:

@@ -1,14 +1,18 @@
-"""What the strap driver says <-> the messages it travels in, bit for bit."""
+"""What the strap driver says <-> the messages it travels in, bit for bit; and how it is, for /diagnostics."""
 
 import struct
+from dataclasses import asdict
 
 import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import UInt8MultiArray
 
+from strap_rover.ros_shell.health import Health, HealthLevel
 from strap_rover.ros_shell.named_values import MessageError, NamedValues
 from strap_rover.topics import CONTACT_ANGLES, STRAP_RAW, STRAP_VOLTAGES, wheel_matrix
-from strap_sensor_driver.contact_zone import ContactAngles, StrapVoltages
+from strap_sensor_driver.contact_zone import ContactAngles, StrapVoltages, remedy
+from strap_sensor_driver.serial_boards import LineReport
+from strap_sensor_driver.strap_reader import BoardHealth, WheelHealth
 
 _STAMP = struct.Struct("<q")
 _MULTI_ARRAY = struct.Struct("<4s3I")
@@ -56,3 +60,28 @@ class StrapMessages:
         stamp_ns, per_wheel, _ = self._angles.from_message(message)
         theta_1, theta_2, theta_1_std, theta_2_std, status = per_wheel.T
         return ContactAngles(stamp_ns, theta_1, theta_2, theta_1_std, theta_2_std, status.astype(np.int64))
+
+
+def board_part(board: BoardHealth, line: LineReport | None) -> Health:
+    """How a board is; `line` is None where it is read through memory."""
+    values: dict[str, object] = {name: count for name, count in asdict(board.frames).items() if count}
+    values |= {"scans": board.scans, "clock resets": board.clock_resets}
+    if line is not None:
+        values |= line.values
+    name = f"board {board.board_id}"
+    if board.refused is not None:
+        text = f"speaks protocol {board.refused.proto}, which this driver does not: flash matching firmware"
+        return Health(name, HealthLevel.ERROR, text, values)
+    if line is not None and line.problem:
+        return Health(name, HealthLevel.ERROR, line.problem, values)
+    if board.hello is None:
+        return Health(name, HealthLevel.WARN, "no HELLO yet: check cable, port and power", values)
+    return Health(name, HealthLevel.OK, f"firmware {board.hello.version}", values)
+
+
+def wheel_part(name: str, wheel: WheelHealth) -> Health:
+    """How the strap of wheel `name` is."""
+    values: dict[str, object] = {"status": wheel.status.name, "faults": wheel.faults}
+    values |= {status.name.lower(): count for status, count in wheel.scans.items()}
+    level = HealthLevel.ERROR if wheel.status.is_fault else HealthLevel.OK
+    return Health(f"strap {name}", level, remedy(wheel.status), values)

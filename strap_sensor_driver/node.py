@@ -1,32 +1,46 @@
 """The strap driver as a node: bytes from the boards in, frames, volts and contact angles out."""
 
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from contextlib import suppress
 
 from rclpy.context import Context
+from std_srvs.srv import Trigger
 
 from strap_rover import topics
-from strap_rover.ros_shell.health import Health, HealthLevel
+from strap_rover.ros_shell.health import Health
 from strap_rover.ros_shell.node_shell import NodeShell
 from strap_rover.ros_shell.process import run_node
 from strap_rover.ros_shell.telemetry_messages import JointTelemetry
 from strap_rover.rover import load_rover
 from strap_rover.settings import SettingsError
-from strap_sensor_driver.contact_zone import remedy
-from strap_sensor_driver.link import ByteLink
-from strap_sensor_driver.messages import StrapMessages, raw_message
-from strap_sensor_driver.parameters import StrapDriverParameters, bind_wheels
-from strap_sensor_driver.strap_reader import BoardHealth, StrapReader
+from strap_sensor_driver.link import ByteLink, LinkClosedError
+from strap_sensor_driver.messages import StrapMessages, board_part, raw_message, wheel_part
+from strap_sensor_driver.parameters import StrapDriverParameters, bind_wheels, port_paths
+from strap_sensor_driver.scan_gate import scans_per_record
+from strap_sensor_driver.serial_boards import SerialBoards
+from strap_sensor_driver.strap_reader import StrapReader
 
 TICK_S = 0.01
+"""Period of records from links in memory."""
+LATE_NS, LOOK_S = 15_000_000, 0.02
+"""A record whose scans are not complete is made of what there is when it is this late, looked at so often."""
+WATCH_S = 0.1
+"""How often the lines are looked at."""
 
 
 class StrapSensorDriver(NodeShell[StrapDriverParameters]):
-    """Reads every board's link each tick and publishes what the reader makes of it."""
+    """Reads every board and publishes what the reader makes of it.
+
+    Live it opens the boards' serial ports and ticks when a record's scans have come. `links` stand in for them: those
+    are read every 10 ms, or by the runner of a lockstep graph.
+    """
+
+    _serial: SerialBoards | None = None
 
     def __init__(
         self,
-        links: Mapping[int, ByteLink],
+        links: Mapping[int, ByteLink] | None = None,
         *,
         settings: StrapDriverParameters | None = None,
         context: Context | None = None,
@@ -41,12 +55,6 @@ class StrapSensorDriver(NodeShell[StrapDriverParameters]):
         )
         rover = load_rover(self.settings.rover)
         self._reader = StrapReader(bind_wheels(rover, self.settings), self.settings)
-        missing = [board for board in self._reader.board_ids if board not in links]
-        if missing:
-            problem = f"strap_sensor_driver: no link to board(s) {missing} of rover {rover.name!r}"
-            remedy_text = "this version reads boards through memory only, inside `strap_rover demo`, not by serial line"
-            raise SettingsError([f"{problem}; {remedy_text}"])
-        self._links = [links[board] for board in self._reader.board_ids]
         self._wheel_names = rover.wheel_names
         self._messages = StrapMessages(rover.wheel_names)
         telemetry = JointTelemetry(topics.WHEEL_STATES.name, rover.wheel_names)
@@ -54,14 +62,29 @@ class StrapSensorDriver(NodeShell[StrapDriverParameters]):
         self._raw = self.announce(topics.STRAP_RAW)
         self._voltages = self.announce(topics.STRAP_VOLTAGES)
         self._angles = self.announce(topics.CONTACT_ANGLES)
+        boards = self._reader.board_ids
+        self._links = self._open_ports() if links is None else [links[board] for board in boards if board in links]
+        if len(self._links) < len(boards):
+            raise SettingsError([f"strap_sensor_driver: no link to some of boards {boards} of rover {rover.name!r}"])
+        self._sessions = [1] * len(boards)
+        self._last_tick_ns = 0
         if self_ticking:
-            self.create_timer(TICK_S, self.tick)
+            self.create_service(Trigger, "~/reset", self._reset)
+            if links is not None:
+                self.every(TICK_S, self.tick)
 
     def tick(self) -> None:
         """Take what has arrived on the links and publish it."""
         now_ns = self.now_ns()
+        if self._serial is not None:
+            self._last_tick_ns = time.monotonic_ns()
+            self._serial.take()
         for board, link in enumerate(self._links):
-            for data, host_ns in link.read(now_ns):
+            chunks = link.read(now_ns)
+            if link.session != self._sessions[board]:
+                self._sessions[board] = link.session
+                self._reader.reopen_board(board)
+            for data, host_ns in chunks:
                 self._reader.feed_bytes(board, data, host_ns)
         reading = self._reader.tick(now_ns)
         if reading.angles is not None:  # first: wheel commands wait for them
@@ -71,37 +94,57 @@ class StrapSensorDriver(NodeShell[StrapDriverParameters]):
         for frame in reading.raw:
             self._raw.send(raw_message(frame.host_ns, frame.payload))
         for request in reading.requests:
-            self._links[request.board_index].write(request.data, now_ns)
+            with suppress(LinkClosedError):  # the line's own health says so
+                self._links[request.board_index].write(request.data, now_ns)
+
+    def settings_changed(self) -> None:
+        """Tell the reader."""
+        self._reader.retune(self.settings)
 
     def health(self) -> Sequence[Health]:
         """One part per board and per wheel."""
-        health = self._reader.health()
-        boards = [_board_health(board) for board in health.boards]
-        wheels = [
-            Health(
-                f"strap {name}",
-                HealthLevel.ERROR if wheel.status.is_fault else HealthLevel.OK,
-                remedy(wheel.status),
-                {"status": wheel.status.name, "faults": wheel.faults}
-                | {status.name.lower(): count for status, count in wheel.scans.items()},
-            )
-            for name, wheel in zip(self._wheel_names, health.wheels, strict=True)
-        ]
+        health, serial = self._reader.health(), self._serial
+        lines = [None] * len(health.boards) if serial is None else [serial.report(n) for n in range(len(health.boards))]
+        boards = [board_part(board, line) for board, line in zip(health.boards, lines, strict=True)]
+        wheels = [wheel_part(*named) for named in zip(self._wheel_names, health.wheels, strict=True)]
         return [*boards, *wheels]
 
+    def destroy_node(self) -> None:
+        """Close the ports, then as any node."""
+        if self._serial is not None:
+            self._serial.close()
+        super().destroy_node()
 
-def _board_health(board: BoardHealth) -> Health:
-    counts = {name: count for name, count in asdict(board.frames).items() if count}
-    counts |= {"scans": board.scans, "clock resets": board.clock_resets}
-    name = f"board {board.board_id}"
-    if board.refused is not None:
-        text = f"speaks protocol {board.refused.proto}, which this driver does not: flash matching firmware"
-        return Health(name, HealthLevel.ERROR, text, counts)
-    if board.hello is None:
-        return Health(name, HealthLevel.WARN, "no HELLO yet: check cable, port and power", counts)
-    return Health(name, HealthLevel.OK, f"firmware {board.hello.version}", counts)
+    def _open_ports(self) -> list[ByteLink]:
+        if not self.self_ticking or self.get_parameter("use_sim_time").value:
+            raise SettingsError(["strap_sensor_driver: boards live by the host's clock; leave use_sim_time false"])
+        settings = self.settings
+        woken = self.create_guard_condition(self.tick)
+        self._serial = SerialBoards(
+            port_paths(settings.port, self._reader.board_ids),
+            settings.baud,
+            scans_per_record(settings.rate_hz),
+            woken.trigger,
+            time.monotonic_ns(),
+        )
+        self.every(LOOK_S, self._tick_if_late)
+        self.every(WATCH_S, self._watch)
+        return list(self._serial.ports)
+
+    def _tick_if_late(self) -> None:
+        if time.monotonic_ns() - self._last_tick_ns > LATE_NS:
+            self.tick()
+
+    def _watch(self) -> None:
+        assert self._serial is not None
+        self._serial.watch(time.monotonic_ns(), self._reader.health().boards)
+
+    def _reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._reader.reset()
+        response.success, response.message = True, "zones and clocks are learnt anew"
+        return response
 
 
 def main() -> int:
     """`ros2 run strap_rover strap_sensor_driver`: the exit code."""
-    return run_node(lambda: StrapSensorDriver({}))
+    return run_node(StrapSensorDriver)

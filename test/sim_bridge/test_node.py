@@ -1,9 +1,13 @@
 """The world's node in a context of its own: commands in; clock, telemetry and frames out."""
 
+import itertools
+import time
+
 import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
 from sim_bridge.node import SimBridge
@@ -17,6 +21,8 @@ from strap_rover.ros_shell.stamps import ns_from_time
 from strap_rover.rover import load_rover
 from strap_rover.settings import SettingsError
 from strap_rover.telemetry import WheelCommands
+from strap_sensor_driver.frames import AcceptedFrame, DataFrame, FrameDecoder, HelloFrame
+from strap_sensor_driver.serial_port import SerialPort
 
 pytestmark = pytest.mark.ros
 MS = 1_000_000
@@ -85,8 +91,8 @@ def test_telemetry_and_clock_come_out_at_each_period(bench):
 
 def test_commands_move_the_world(bench):
     bench.step(10 * MS)
-    bench.command(telemetry.wheel_commands_message(WheelCommands(0, np.full(6, 2.0))))
     for index in range(2, 60):
+        bench.command(telemetry.wheel_commands_message(WheelCommands(0, np.full(6, 2.0))))
         bench.step(10 * MS * index)
     assert bench.node.world.plant.commands.tolist() == [2.0] * 6
     assert telemetry.body_motion(bench.heard["odom"][-1]).speed > 0.1
@@ -111,25 +117,26 @@ def test_commands_that_break_the_contract_are_left_out_and_reported(bench, bad):
     status = bench.diagnostics()["sim_bridge: topic wheel_commands"]
     assert status.level == bytes([HealthLevel.ERROR])
     assert "one finite speed for each of 6 wheels" in status.message
-    assert [(item.key, item.value) for item in status.values] == [("refused", "1")]
+    assert {item.key: item.value for item in status.values}["refused"] == "1"
 
 
 def test_health_tells_where_the_rover_is(bench):
     bench.step(20 * MS)
     status = bench.diagnostics()["sim_bridge: world"]
     assert (status.level, status.message) == (bytes([HealthLevel.OK]), "mars_snag")
-    assert {item.key for item in status.values} == {"x_m", "speed_mps", "external_load_n"}
+    assert {item.key for item in status.values} == {"x_m", "speed_mps", "external_load_n", "stood_still"}
 
 
-def test_scenario_and_seed_come_from_the_parameters_of_the_process(domain_id):
+def test_scenario_and_seed_come_from_the_parameters_of_the_process(domain_id, tmp_path):
     context = rclpy.Context()
-    arguments = ["sim", "--ros-args", "-p", "scenario:=single_wheel", "-p", "seed:=9"]
+    arguments = ["sim", "--ros-args", "-p", "scenario:=single_wheel", "-p", "seed:=9", "-p", f"port:={tmp_path}/uno"]
     rclpy.init(args=arguments, context=context, domain_id=domain_id)
     try:
         node = SimBridge(context=context)
         assert node.world.scenario.name == "single_wheel"
         assert node.settings.seed == 9
         assert node.get_parameter("scenario").value == "single_wheel"
+        node.destroy_node()
     finally:
         context.try_shutdown()
 
@@ -145,11 +152,126 @@ def test_bad_parameters_are_refused(domain_id, bad):
         context.try_shutdown()
 
 
-def test_live_it_ticks_by_itself(ros_context, wait_until):
-    settings = SimBridgeParameters(scenario="single_wheel")
-    node = SimBridge(settings=settings, context=ros_context)
-    executor = SingleThreadedExecutor(context=ros_context)
-    executor.add_node(node)
-    wait_until(lambda: node.published["wheel_states"] >= 5, lambda: executor.spin_once(timeout_sec=0.05))
-    executor.shutdown()
-    assert node.world.now_ns >= 50 * MS
+class Live:
+    """The node living by the host's clock on an executor, and a peer in the same process that hears it."""
+
+    def __init__(self, context, wait_until, tmp_path, **settings):
+        self._wait_until = wait_until
+        chosen = {"scenario": "single_wheel", "port": f"{tmp_path}/uno_{{board}}"} | settings
+        self.port = tmp_path / "uno_1"
+        self.node = SimBridge(settings=SimBridgeParameters(**chosen), context=context)
+        self.peer = NodeShell("peer", SensorSettings, settings=SensorSettings(), context=context, self_ticking=False)
+        self.heard = []
+        self.peer.listen(topics.WHEEL_STATES, self.heard.append)
+        self.commands = self.peer.announce(topics.WHEEL_COMMANDS)
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(self.node)
+
+    def spin_until(self, condition):
+        def step():
+            self.executor.spin_once(timeout_sec=0.02)
+            self.peer.drain()
+
+        self._wait_until(condition, step)
+
+    def spin_for(self, seconds):
+        end = self.node.world.now_ns + round(1e9 * seconds)
+        self.spin_until(lambda: self.node.world.now_ns >= end)
+
+    def set(self, **parameters):
+        results = self.node.set_parameters([Parameter(name, value=value) for name, value in parameters.items()])
+        assert all(result.successful for result in results), results
+
+
+@pytest.fixture
+def live(ros_context, wait_until, tmp_path):
+    made = []
+
+    def make(**settings):
+        made.append(Live(ros_context, wait_until, tmp_path, **settings))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.executor.shutdown()
+        each.node.destroy_node()
+
+
+def test_live_it_stamps_by_the_hosts_clock_and_says_no_other(live):
+    before_ns = time.time_ns()
+    bench = live()
+    bench.spin_until(lambda: len(bench.heard) >= 5)
+    stamps = [
+        telemetry.JointTelemetry("wheel_states", ("w",)).wheel_states(message).stamp_ns for message in bench.heard
+    ]
+    assert before_ns < stamps[0] <= stamps[-1] <= time.time_ns()
+    assert {later - sooner for sooner, later in itertools.pairwise(stamps)} == {10 * MS}
+    assert "/clock" not in bench.node.subscription_counts()
+
+
+def test_live_it_serves_its_boards_on_ports(live):
+    bench = live()
+    port = SerialPort(str(bench.port), 115200)
+    decoder, frames = FrameDecoder(1), []
+
+    def frames_came():
+        for data, _ in port.read(0):
+            frames.extend(event.frame for event in decoder.feed(data) if isinstance(event, AcceptedFrame))
+        return len(frames) > 20
+
+    bench.spin_until(frames_came)
+    assert isinstance(frames[0], HelloFrame)  # opening the port restarts the board, as it does an Uno
+    assert [frame.seq for frame in frames if isinstance(frame, DataFrame)][:3] == [0, 1, 2]
+    port.close()
+    bench.node.destroy_node()
+    assert not bench.port.exists()
+
+
+def test_a_fault_is_begun_and_ended_by_parameters_and_said_in_health(live):
+    bench = live()
+    bench.spin_until(bench.port.exists)
+    bench.set(line_fault="unplug")
+    assert not bench.port.exists()
+    assert [part.message for part in bench.node.health()[1:]] == ["nobody has it open; fault on purpose: unplug"]
+    bench.set(line_fault="none", line_fault_board=7)
+    assert bench.port.exists()
+    bench.set(line_fault="unplug")  # of board 7, which is not there
+    assert bench.port.exists()
+
+
+def test_motors_that_nobody_commands_any_more_stop(live):
+    bench = live(command_timeout_s=0.1)
+    bench.spin_until(bench.commands.subscription_count)
+    command = telemetry.wheel_commands_message(WheelCommands(0, np.full(1, 0.5)))
+
+    def turns():
+        bench.commands.send(command)
+        return bench.node.world.plant.commands.tolist() == [0.5]
+
+    bench.spin_until(turns)
+    commanded_ns = bench.node.world.now_ns
+    bench.spin_until(lambda: bench.node.world.plant.commands.tolist() == [0.0])
+    assert bench.node.world.now_ns - commanded_ns >= 100 * MS
+
+
+def test_a_world_that_was_stopped_does_not_catch_up_and_its_boards_begin_anew(live):
+    bench = live()
+    bench.spin_for(0.1)
+    before_ns = bench.node.world.now_ns
+    time.sleep(0.7)
+    bench.spin_until(lambda: bench.node.world.now_ns > before_ns)
+    assert bench.node.world.now_ns - before_ns < 500 * MS
+    world = bench.node.health()[0]
+    assert world.values["stood_still"] == 1
+    assert abs(bench.node.world.epoch_ns + bench.node.world.now_ns - time.time_ns()) < 300 * MS
+
+
+@pytest.mark.parametrize("bad", ["use_sim_time:=true", "port:=/proc/nowhere/uno{board}", "port:=/tmp/{bord}"])
+def test_a_world_that_cannot_be_served_is_refused_in_words(domain_id, bad):
+    context = rclpy.Context()
+    rclpy.init(args=["sim", "--ros-args", "-p", bad], context=context, domain_id=domain_id)
+    try:
+        with pytest.raises(SettingsError, match=r"host's clock|give a folder|only \{board\}"):
+            SimBridge(context=context)
+    finally:
+        context.try_shutdown()

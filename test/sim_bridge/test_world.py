@@ -49,11 +49,13 @@ def make_world(scenario=None, seed=0, sensors=None, rover=ROVER):
 
 
 def drive(world, seconds, speed_radps=0.0, rates=None):
-    """Reports of `seconds` under one command; `rates` gives each wheel its own speed."""
+    """Reports of `seconds` under one command, said anew each period; `rates` gives each wheel its own speed."""
     speed = np.full(len(world.rover.wheels), speed_radps) if rates is None else np.asarray(rates)
-    world.feed_wheel_commands(WheelCommands(world.now_ns, speed))
-    steps = round(seconds * 1e9) // world.period_ns
-    return [world.advance(world.now_ns + world.period_ns) for _ in range(steps)]
+    reports = []
+    for _ in range(round(seconds * 1e9) // world.period_ns):
+        world.feed_wheel_commands(WheelCommands(world.now_ns, speed))
+        reports.append(world.advance(world.now_ns + world.period_ns))
+    return reports
 
 
 def decoded(chunks, board):
@@ -106,9 +108,9 @@ def seen_by_reader(world, drivers, seconds, rates, encoder_delay_ns=0):
         pull_down_a_ohm=sensors.pull_down_ratio * resistance, pull_down_b_ohm=sensors.pull_down_ratio * resistance
     )
     reader = StrapReader(bind_wheels(world.rover, settings), settings)
-    world.feed_wheel_commands(WheelCommands(0, np.asarray(rates)))
     truth, readings = [], []
     for _ in range(round(seconds * 100)):
+        world.feed_wheel_commands(WheelCommands(world.now_ns, np.asarray(rates)))
         report = world.advance(world.now_ns + 10 * MS)
         states = report.wheel_states
         reader.feed_wheel_states(
@@ -388,3 +390,83 @@ def test_the_nominal_strap_is_100_kohm_per_20_cm():
     strap = nominal_strap(0.25, 0.5, 5.0)
     assert strap.total_resistance_ohm == pytest.approx(100e3 * (2 * math.pi * 0.25) / 0.20)
     assert strap.pull_down_a_ohm == strap.pull_down_b_ohm == pytest.approx(0.5 * strap.total_resistance_ohm)
+
+
+def test_motors_that_nobody_commands_any_more_stop():
+    world, _ = make_world(sensors=SensorSettings(command_timeout_s=0.2))
+    drive(world, 0.5, 1.0)
+    for _ in range(19):  # the last command is a period old already
+        world.advance(world.now_ns + world.period_ns)
+    assert world.plant.commands.tolist() == [1.0] * 6
+    world.advance(world.now_ns + 2 * world.period_ns)
+    assert world.plant.commands.tolist() == [0.0] * 6
+
+
+def test_without_a_time_out_the_last_command_stands():
+    world, _ = make_world(sensors=SensorSettings(command_timeout_s=0.0))
+    drive(world, 0.1, 1.0)
+    world.advance(world.now_ns + 200 * world.period_ns)
+    assert world.plant.commands.tolist() == [1.0] * 6
+
+
+def test_scan_by_scan_it_says_the_same_as_period_by_period():
+    world, drivers = make_world()
+    twin, twin_drivers = make_world()
+    whole = [world.advance(world.now_ns + world.period_ns) for _ in range(10)]
+    looked = [report for _ in range(20) if (report := twin.advance_scan()) is not None]
+    assert [report.wheel_states.stamp_ns for report in looked] == [report.wheel_states.stamp_ns for report in whole]
+    for one, other in zip(whole, looked, strict=True):
+        np.testing.assert_array_equal(one.wheel_states.angle, other.wheel_states.angle)
+        assert one.body_motion == other.body_motion
+    assert drivers[1].read(world.now_ns) == twin_drivers[1].read(world.now_ns)
+
+
+def test_stamps_count_from_the_epoch_and_board_time_does_not():
+    world, drivers = make_world()
+    world.epoch_ns = 10**18
+    report = world.advance(10 * MS)
+    stamps = {report.wheel_states.stamp_ns, report.body_motion.stamp_ns, report.attitude.stamp_ns}
+    assert stamps | {report.suspension.stamp_ns, world.ground_truth().stamp_ns} == {10**18 + 10 * MS}
+    assert decoded(drivers[1].read(20 * MS), 1)[-1].t_us < 10_000
+
+
+def test_a_board_that_is_reset_boots_and_begins_anew_while_the_other_goes_on():
+    world, drivers = make_world(sensors=SensorSettings(board_boot_s=0.05))
+    world.advance(100 * MS)
+    for link in drivers.values():
+        link.read(200 * MS)
+    world.reset_board(1)
+    world.advance(140 * MS)
+    assert drivers[1].read(200 * MS) == []
+    assert len(decoded(drivers[2].read(200 * MS), 2)) == 8
+    world.advance(200 * MS)
+    hello, first, *_ = decoded(drivers[1].read(300 * MS), 1)
+    assert isinstance(hello, HelloFrame)
+    assert (first.seq, first.t_us) == (0, 50_000 - 1695)
+
+
+def test_clocks_of_boards_drift_apart():
+    world, drivers = make_world(sensors=SensorSettings(board_clock_ppm=3000.0))
+    world.advance(1_000 * MS)
+    last = [decoded(drivers[board].read(2_000 * MS), board)[-1].t_us for board in (1, 2)]
+    assert [t_us + 1695 for t_us in last] == [1_003_000, 997_000]
+
+
+class ReopenedLink:
+    """A link that is opened anew now and then, as a real port is."""
+
+    def __init__(self, link):
+        self._link = link
+        self.session = 1
+        self.read, self.write, self.name, self.close = link.read, link.write, link.name, link.close
+
+
+def test_opening_its_port_restarts_a_board():
+    ends = board_links(ROVER, SensorSettings())
+    links = {board: ReopenedLink(end[1]) for board, end in ends.items()}
+    world = World(ROVER, on_sand(), links, seed=0)
+    world.advance(50 * MS)
+    ends[1][0].read(100 * MS)
+    links[1].session = 2
+    world.advance(100 * MS)
+    assert decoded(ends[1][0].read(200 * MS), 1)[1].seq == 0

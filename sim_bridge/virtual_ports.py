@@ -1,0 +1,52 @@
+"""The serial ports of all virtual boards, and what is wrong with their lines at the moment."""
+
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+
+from sim_bridge.line_faults import FaultyLine, LineFault
+from sim_bridge.parameters import SimBridgeParameters
+from sim_bridge.pty_port import PtyPort
+from strap_sensor_driver.parameters import port_paths
+
+_FAULT_STREAM = 0xFA17
+"""Keeps the faults' random numbers apart from those of ground and sensors, which the same seed makes."""
+
+
+class VirtualPorts:
+    """A `FaultyLine` per board, made at once. SettingsError where a port cannot be made; then none is left behind."""
+
+    def __init__(self, settings: SimBridgeParameters, boards: tuple[int, ...]) -> None:
+        sources = np.random.SeedSequence((settings.seed, _FAULT_STREAM)).spawn(len(boards))
+        self.lines: dict[int, FaultyLine] = {}
+        try:
+            for source, (board, path) in zip(sources, port_paths(settings.port, boards).items(), strict=True):
+                self.lines[board] = FaultyLine(PtyPort(path, settings.baud), np.random.default_rng(source))
+        except BaseException:
+            self.close()
+            raise
+        self.begin_fault(settings, lambda _board: None)
+
+    def begin_fault(self, settings: SimBridgeParameters, reset: Callable[[int], None]) -> None:
+        """Put the lines into the state that the settings ask for; `reset` restarts a board."""
+        asked = LineFault(settings.line_fault)
+        for board, line in self.lines.items():
+            is_struck = settings.line_fault_board in {-1, board}
+            fault = asked if is_struck else LineFault.NONE
+            if fault is LineFault.RESET and line.fault is not LineFault.RESET:
+                reset(board)
+            line.begin(fault, settings.line_fault_share)
+
+    def report(self) -> Iterator[tuple[str, str, Mapping[str, object]]]:
+        """Name, state in words, and counts of each port."""
+        for line in self.lines.values():
+            state = "open" if line.port.is_heard else "nobody has it open"
+            if line.fault is not LineFault.NONE:
+                state += f"; fault on purpose: {line.fault.value}"
+            counts = {"openings": line.session, "dropped_bytes": line.port.dropped_bytes, "harmed": line.harmed}
+            yield line.name, state, counts
+
+    def close(self) -> None:
+        """Close every port."""
+        for line in self.lines.values():
+            line.close()
