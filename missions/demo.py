@@ -66,14 +66,7 @@ def run_demo(plan: RunPlan, folder: Path, console: Console, stopped: Callable[[]
         f"[bold]{plan.scenario.name}[/]: {plan.scenario.meaning}\n"
         f"controller {plan.controller.policy}, seed {plan.seed}, {plan.duration_s:g} s simulated"
     )
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f} s"),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-    ) as progress:
+    with run_progress(console) as progress:
         task = progress.add_task("all nodes, recording", total=plan.duration_s)
         done = run_lockstep(
             plan, folder / BAG, lambda cycles: progress.update(task, completed=cycles * CYCLE_NS / NS), stopped
@@ -84,6 +77,18 @@ def run_demo(plan: RunPlan, folder: Path, console: Console, stopped: Callable[[]
         write_summary(summary, folder / SUMMARY)
         draw_run(log, summary, folder / PICTURE)
     return DemoResult(folder, summary, complete=done == plan.cycles)
+
+
+def run_progress(console: Console) -> Progress:
+    """A bar of seconds, gone when it is done."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} s"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
 
 
 def print_result(result: DemoResult, console: Console) -> None:

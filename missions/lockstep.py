@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -21,16 +21,14 @@ import rclpy
 from rclpy.context import Context
 
 import strap_rover
+from missions.operator_node import Operator
 from missions.plan import CYCLE_NS, ESTIMATOR_NS, HEALTH_NS, REQUEST_NS, RunPlan
 from missions.stop_request import never
 from sim_bridge.node import SimBridge
 from sim_bridge.world import board_links
 from soil_flow_estimator.node import SoilFlowEstimator
-from strap_rover import topics
 from strap_rover.flight_recorder.recorder import Recorder
 from strap_rover.ros_shell.node_shell import NodeShell
-from strap_rover.ros_shell.telemetry_messages import speed_request_message
-from strap_rover.telemetry import SpeedRequest
 from strap_sensor_driver.node import StrapSensorDriver
 from traction_controller.node import TractionControllerNode
 
@@ -64,26 +62,6 @@ class _Sent(Mapping[str, int]):
 
     def __len__(self) -> int:
         return len(self._counters)
-
-
-@dataclass(frozen=True, slots=True)
-class OperatorParameters:
-    """What the operator wants."""
-
-    speed_mps: float = field(metadata={"doc": "body speed asked for [m/s]"})
-
-
-class Operator(NodeShell[OperatorParameters]):
-    """Whoever asks the rover to drive."""
-
-    def __init__(self, plan: RunPlan, context: Context) -> None:
-        wish = OperatorParameters(plan.scenario.speed_mps)
-        super().__init__("operator", OperatorParameters, settings=wish, context=context, self_ticking=False)
-        self._request = self.announce(topics.CMD_VEL)
-
-    def tick(self) -> None:
-        """Ask for the scenario's speed."""
-        self._request.send(speed_request_message(SpeedRequest(self.now_ns(), self.settings.speed_mps)))
 
 
 class LockstepGraph:

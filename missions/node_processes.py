@@ -3,11 +3,18 @@
 Signals are taken over before anything slow is imported: a Ctrl-C in a node's first second shows no traceback either.
 """
 
+import ctypes
+import os
+import signal
 import sys
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from strap_rover.ros_shell.quiet_start import take_signals
+
+SUPERVISOR = "STRAP_ROVER_SUPERVISOR"
+"""Environment variable with the process number of whoever started a node and whom it is not to outlive."""
+_PR_SET_PDEATHSIG = 1
 
 
 def strap_sensor_driver() -> int:
@@ -74,7 +81,18 @@ def main() -> int:
         sys.stderr.write(f"usage: python -m missions.node_processes NAME; NAME {name!r}: {', '.join(NODE_PROCESSES)}\n")
         return 2
     del sys.argv[0]
+    _end_with_supervisor()
     return NODE_PROCESSES[name]()
+
+
+def _end_with_supervisor() -> None:
+    """Have the kernel send SIGTERM when the supervisor named in the environment ends, however it does."""
+    supervisor = os.environ.get(SUPERVISOR)
+    if supervisor is None:
+        return
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != int(supervisor):  # it ended before we asked
+        os._exit(0)
 
 
 if __name__ == "__main__":

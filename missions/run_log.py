@@ -35,7 +35,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunLog:
-    """A run; time counts from the first simulated instant."""
+    """A run; time counts from the first simulated instant, or live from when driving began."""
 
     wheels: tuple[str, ...]
     series: Mapping[str, Series]
@@ -95,8 +95,8 @@ class RunLogBuilder:
         )
 
 
-def run_log_from_bag(bag: Path, wheels: tuple[str, ...]) -> RunLog:
-    """The run in a bag.
+def run_log_from_bag(bag: Path, wheels: tuple[str, ...], origin_ns: int = 0) -> RunLog:
+    """The run in a bag; its time counts from `origin_ns`, and what is older is left out.
 
     Raises BagError (a ValueError) when the bag cannot be read, or holds another rover's topics.
     """
@@ -104,7 +104,7 @@ def run_log_from_bag(bag: Path, wheels: tuple[str, ...]) -> RunLog:
 
     builder = RunLogBuilder(wheels)
     try:
-        _add_rows(builder, named_rows(bag, wheels, (*LOGGED, topics.TRACTION_COMMANDS)))
+        _add_rows(builder, named_rows(bag, wheels, (*LOGGED, topics.TRACTION_COMMANDS)), origin_ns)
     except BagError:
         raise
     except ValueError as error:
@@ -112,6 +112,9 @@ def run_log_from_bag(bag: Path, wheels: tuple[str, ...]) -> RunLog:
     return builder.build()
 
 
-def _add_rows(builder: RunLogBuilder, rows: Iterable[tuple[Topic, int, FloatArray, FloatArray]]) -> None:
+def _add_rows(
+    builder: RunLogBuilder, rows: Iterable[tuple[Topic, int, FloatArray, FloatArray]], origin_ns: int
+) -> None:
     for row, stamp_ns, per_wheel, whole_rover in rows:
-        builder.add(row, stamp_ns, per_wheel, whole_rover)
+        if stamp_ns >= origin_ns:
+            builder.add(row, stamp_ns - origin_ns, per_wheel, whole_rover)

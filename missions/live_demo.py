@@ -1,0 +1,195 @@
+"""`strap_rover demo --live`: the graph as processes on wall time, driven, watched over, ended, and accounted for."""
+
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from missions.demo import PICTURE, SUMMARY, DemoResult, run_progress
+from missions.live_graph import BAG, LiveGraph
+from missions.live_report import LiveReport, live_report
+from missions.operator_node import LiveOperator
+from missions.picture import draw_run
+from missions.plan import RunPlan
+from missions.run_log import run_log_from_bag
+from missions.stop_request import never
+from missions.summary import summarize, write_summary
+
+READY_LIMIT_S = 90.0
+"""Time the graph has to be ready: on the very first start every node compiles its laws."""
+DISCOVERY_S = 0.6
+"""Time in which another graph in the same domain is found."""
+LIVE_REPORT = "live.json"
+_SPIN_S = 0.02
+
+
+class LiveRunError(RuntimeError):
+    """The graph did not come to drive; says what was missing and where its logs are."""
+
+
+class OtherGraphError(ValueError):
+    """Somebody else's wheels are in this ROS domain; says what was found and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveResult:
+    """What came of the rover, and of the graph."""
+
+    demo: DemoResult
+    report: LiveReport
+
+
+def run_live(
+    plan: RunPlan,
+    folder: Path,
+    console: Console,
+    stopped: Callable[[], bool] = never,
+    *,
+    executor: str = "single",
+) -> LiveResult:
+    """Drive `plan` for its duration on wall time, or until `stopped()`, into `folder`; ends every process.
+
+    Raises:
+        OtherGraphError: another graph commands wheels in this ROS domain.
+        NodeDiedError: a node died again and again, or its settings were refused.
+        LiveRunError: the graph was not ready in time, or was stopped before it drove.
+        BagError: the bag cannot be read back.
+    """
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # a simulation keeps to this machine
+    console.print(
+        f"[bold]{plan.scenario.name}[/]: {plan.scenario.meaning}\n"
+        f"controller {plan.controller.policy}, seed {plan.seed}, {plan.duration_s:g} s on wall time, live; "
+        f"watch it: [bold]strap_rover watch[/] in another terminal"
+    )
+    with _operator(plan) as (operator, spin), _ports_folder() as ports, run_progress(console) as progress:
+        _refuse_strangers(operator, spin)
+        task = progress.add_task("starting the nodes", total=plan.duration_s)
+        with LiveGraph(plan, folder, ports, executor) as graph:
+            _start(graph, operator, spin, stopped)
+            operator.drive()
+            origin_ns, begin_s = operator.now_ns(), time.monotonic()
+            cpu_before = {name: node.cpu_s() for name, node in graph.nodes.items()}
+            while (elapsed_s := time.monotonic() - begin_s) < plan.duration_s and not stopped():
+                spin()
+                for news in graph.poll():
+                    console.print(f"[bold red]{escape(news)}[/]")
+                progress.update(task, completed=elapsed_s, description=_in_words(operator))
+            cpu_share = {
+                name: (node.cpu_s() - cpu_before[name]) / elapsed_s
+                for name, node in graph.nodes.items()
+                if node.is_running and not node.died
+            }
+            is_complete = not stopped()
+            progress.update(task, description="ending the nodes")
+            exit_codes = graph.end()
+            deaths = {name: node.died for name, node in graph.nodes.items()}
+        progress.update(task, description="reading the bag back, drawing")
+        bag = graph.bags()[-1]  # of the recorder that ended well; one that was killed left its bag cut off
+        report = live_report(bag, origin_ns, exit_codes, deaths, cpu_share)
+        (folder / LIVE_REPORT).write_text(report.to_json(), encoding="utf-8")
+        log = run_log_from_bag(bag, plan.rover.wheel_names, origin_ns)
+        summary = summarize(plan, log)
+        write_summary(summary, folder / SUMMARY)
+        draw_run(log, summary, folder / PICTURE)
+    return LiveResult(DemoResult(folder, summary, is_complete), report)
+
+
+def print_report(result: LiveResult, console: Console) -> None:
+    """How the graph went, for a person."""
+    report = result.report
+    table = Table(show_header=False, box=None, padding=(0, 2))
+    table.add_row("frames", f"{report.frames}, {report.frames_lost} lost")
+    table.add_row("wheel commands", f"{report.commands_hz:.1f} Hz, longest gap {report.longest_command_gap_ms:.0f} ms")
+    table.add_row("bag", f"{report.messages} messages, {report.messages_lost} lost")
+    for name, code in report.exit_codes.items():
+        died = f", died {report.deaths[name]} x before" if name in report.deaths else ""
+        share = f"{100.0 * report.cpu_share[name]:.1f} % of a core, " if name in report.cpu_share else ""
+        table.add_row(name, f"{share}exit code {code}{died}")
+    console.print(table)
+    if len(result_bags := sorted(result.demo.folder.glob(f"{BAG}*"))) > 1:
+        console.print(f"the recorder was started again: {', '.join(escape(str(bag)) for bag in result_bags)}")
+
+
+def _start(graph: LiveGraph, operator: LiveOperator, spin: Callable[[], None], stopped: Callable[[], bool]) -> None:
+    """Start every node, the recorder before the others, and wait until the rover could drive."""
+    deadline_s = time.monotonic() + READY_LIMIT_S
+    for name in graph.nodes:
+        graph.start(name)
+        if name == "recorder":
+            _await(lambda: [] if operator.is_recorded() else ["recorder listens to nothing"],
+                   graph, spin, stopped, deadline_s)  # fmt: skip
+    _await(operator.missing, graph, spin, stopped, deadline_s)
+
+
+def _await(
+    missing: Callable[[], list[str]],
+    graph: LiveGraph,
+    spin: Callable[[], None],
+    stopped: Callable[[], bool],
+    deadline_s: float,
+) -> None:
+    while what := missing():
+        spin()
+        graph.poll()
+        if stopped():
+            raise LiveRunError("stopped before the rover drove")
+        if time.monotonic() > deadline_s:
+            raise LiveRunError(
+                f"the graph is not ready after {READY_LIMIT_S:g} s: {', '.join(what)}; logs in {graph.folder / 'logs'}"
+            )
+
+
+def _refuse_strangers(operator: LiveOperator, spin: Callable[[], None]) -> None:
+    end_s = time.monotonic() + DISCOVERY_S
+    while time.monotonic() < end_s:
+        spin()
+    strangers = operator.strangers()
+    if strangers:
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        raise OtherGraphError(
+            f"another graph runs in ROS domain {domain}: {', '.join(strangers)}; "
+            f"end it, or use another domain: ROS_DOMAIN_ID={(int(domain) + 1) % 100} strap_rover demo --live"
+        )
+
+
+def _in_words(operator: LiveOperator) -> str:
+    mode = operator.state.state.name if operator.state is not None else ""
+    return f"{mode:8s} {operator.x_m:5.1f} m, {operator.speed_mps:4.2f} m/s"
+
+
+@contextmanager
+def _operator(plan: RunPlan) -> Iterator[tuple[LiveOperator, Callable[[], None]]]:
+    """The operator's node in a context of its own, and what lets it work for a moment."""
+    context = Context()
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        operator = LiveOperator(plan, context)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(operator)
+        yield operator, lambda: executor.spin_once(timeout_sec=_SPIN_S)
+        executor.shutdown()
+        operator.destroy_node()
+    finally:
+        context.try_shutdown()
+
+
+@contextmanager
+def _ports_folder() -> Iterator[Path]:
+    """A folder for the links of the boards' ports: of this run alone, short enough a path, gone afterwards."""
+    folder = Path(tempfile.mkdtemp(prefix="strap_rover-ports-"))
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
