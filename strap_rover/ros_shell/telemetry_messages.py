@@ -10,7 +10,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
-from strap_rover.arrays import FloatArray
+from strap_rover.arrays import FloatArray, IntArray
 from strap_rover.ros_shell.fixed_cdr import FixedCdr
 from strap_rover.ros_shell.joint_state_cdr import JointStateCdr
 from strap_rover.ros_shell.named_values import MessageError
@@ -37,20 +37,24 @@ _IMU_RATE_COVARIANCE, _IMU_ACCELERATION = 16, 25
 class JointTelemetry:
     """JointState of a fixed list of joints: `wheel_states`, `suspension` and the stamped copy of `wheel_commands`.
 
-    Messages are made serialized, and read serialized or not.
+    Messages are made serialized, and read serialized or not. One that names the joints in another order, or others
+    besides, is read too: a joint_state_broadcaster says what it has in an order of its own. MessageError where a joint
+    is missing or named twice, or where there is not one value for each name.
     """
 
     def __init__(self, topic: str, joints: tuple[str, ...]) -> None:
         self._topic = topic
         self._joints = list(joints)
         self._cdr = JointStateCdr(joints)
+        self._foreign_names = self._joints
+        self._foreign_places = np.arange(len(joints))
 
     def wheel_states_message(self, states: WheelStates) -> bytes:
         """Position, velocity and effort of the wheels."""
         return self._cdr.encode(states.stamp_ns, states.angle, states.speed, states.torque)
 
     def wheel_states(self, message: bytes | JointState) -> WheelStates:
-        """The record in a message; MessageError where joints or lengths differ. No effort means zero torque."""
+        """The record in a message, in our order of joints. No effort means zero torque."""
         stamp_ns, position, velocity, effort = self._columns(message)
         effort = effort if effort.size else np.zeros(len(self._joints))
         return WheelStates(
@@ -65,7 +69,7 @@ class JointTelemetry:
         return self._cdr.encode(suspension.stamp_ns, suspension.angle, _NOTHING, _NOTHING)
 
     def suspension(self, message: bytes | JointState) -> Suspension:
-        """The record in a message; MessageError where joints or lengths differ."""
+        """The record in a message, in our order of joints."""
         stamp_ns, position, _, _ = self._columns(message)
         return Suspension(stamp_ns, self._whole(position, "positions"))
 
@@ -74,7 +78,7 @@ class JointTelemetry:
         return self._cdr.encode(commands.stamp_ns, _NOTHING, commands.speed, _NOTHING)
 
     def wheel_commands(self, message: bytes | JointState) -> WheelCommands:
-        """The record in a stamped copy; MessageError where joints or lengths differ."""
+        """The record in a stamped copy, in our order of joints."""
         stamp_ns, _, velocity, _ = self._columns(message)
         return WheelCommands(stamp_ns, self._whole(velocity, "velocities"))
 
@@ -82,15 +86,36 @@ class JointTelemetry:
         read = self._cdr.read(message)
         if isinstance(read, tuple):
             return read
-        if read.name != self._joints:
-            raise MessageError(
-                f"{self._topic}: joints {list(read.name)} are not {self._joints}; "
-                "sender and receiver must use the same rover description"
-            )
+        names = read.name
+        if names != self._foreign_names:
+            self._foreign_places = self._places(names)
+            self._foreign_names = list(names)
         position, velocity, effort = (
-            np.array(values, dtype=np.float64) for values in (read.position, read.velocity, read.effort)
+            self._ours(np.array(values, dtype=np.float64), what, len(names))
+            for values, what in ((read.position, "positions"), (read.velocity, "velocities"), (read.effort, "efforts"))
         )
         return ns_from_time(read.header.stamp), position, velocity, effort
+
+    def _places(self, names: list[str]) -> IntArray:
+        """Where in `names` each of our joints is, shape (J,)."""
+        missing = [joint for joint in self._joints if joint not in names]
+        if missing:
+            raise MessageError(
+                f"{self._topic}: no {', '.join(missing)} among joints {names}; give joints the same names in the rover "
+                "description and at the sender (joint_state_broadcaster: its parameter `joints`)"
+            )
+        twice = [joint for joint in self._joints if names.count(joint) > 1]
+        if twice:
+            raise MessageError(f"{self._topic}: {', '.join(twice)} is named twice in {names}; name each joint once")
+        return np.array([names.index(joint) for joint in self._joints], dtype=np.int64)
+
+    def _ours(self, values: FloatArray, what: str, named: int) -> FloatArray:
+        """Our joints' part of a column with a value for each of `named` joints; an empty one stays empty."""
+        if values.size == 0:
+            return values
+        if values.size != named:
+            raise MessageError(f"{self._topic}: {values.size} {what} for {named} joints; send one for each")
+        return values[self._foreign_places]
 
     def _whole(self, values: FloatArray, what: str) -> FloatArray:
         if values.size != len(self._joints):

@@ -13,7 +13,7 @@ from std_msgs.msg import Float64MultiArray
 
 from strap_rover.ros_shell import telemetry_messages as telemetry
 from strap_rover.ros_shell.named_values import MessageError
-from strap_rover.ros_shell.stamps import ns_from_time
+from strap_rover.ros_shell.stamps import ns_from_time, time_from_ns
 from strap_rover.ros_shell.telemetry_messages import JointTelemetry
 from strap_rover.telemetry import Attitude, BodyMotion, SpeedRequest, Suspension, WheelCommands, WheelStates
 
@@ -82,8 +82,10 @@ def test_joint_states_of_other_senders(form):
     assert states.torque.tolist() == [0.0] * 3  # no effort means no torque
     assert joints.wheel_states(form(foreign(effort=[3.0] * 3))).torque.tolist() == [3.0] * 3
     for wrong, said in (
-        ({"name": ["fl", "rl", "fr"]}, "joints ['fl', 'rl', 'fr'] are not"),
-        ({"name": []}, "joints [] are not"),
+        ({"name": ["fl", "rl", "xx"]}, "no fr among joints ['fl', 'rl', 'xx']; give joints the same names in the"),
+        ({"name": []}, "no fl, fr, rl among joints []"),
+        ({"name": ["fl", "fr", "rl", "fl"]}, "fl is named twice in ['fl', 'fr', 'rl', 'fl']; name each joint once"),
+        ({"name": ["fl", "fr", "rl", "arm"]}, "3 positions for 4 joints"),
         ({"position": [1.0] * 2}, "2 positions for 3 joints"),
         ({"velocity": []}, "0 velocities for 3 joints"),
         ({"effort": [1.0]}, "1 efforts for 3 joints"),
@@ -96,6 +98,44 @@ def test_joint_states_of_other_senders(form):
         joints.suspension(form(foreign(position=[1.0])))
     with pytest.raises(MessageError, match="4 velocities for 3 joints"):
         joints.wheel_commands(form(foreign(velocity=[1.0] * 4)))
+
+
+VALUES = st.tuples(*[st.floats(allow_nan=True)] * 3)
+FOREIGN = st.lists(
+    st.tuples(st.text(min_size=1, max_size=3).filter(lambda name: name not in JOINTS and "\0" not in name), VALUES),
+    max_size=4,
+)
+
+
+@given(STAMPS, st.tuples(VALUES, VALUES, VALUES), FOREIGN, st.randoms(use_true_random=False), st.booleans())
+def test_joints_in_any_order_among_any_others_are_found_by_name(stamp_ns, ours, others, random, with_effort):
+    joints = JointTelemetry("wheel_states", JOINTS)
+    rows = [*zip(JOINTS, ours, strict=True), *others]
+    random.shuffle(rows)
+    message = JointState(name=[name for name, _ in rows])
+    message.header.frame_id = "base_link"
+    message.header.stamp = time_from_ns(stamp_ns)
+    message.position = [values[0] for _, values in rows]
+    message.velocity = [values[1] for _, values in rows]
+    if with_effort:
+        message.effort = [values[2] for _, values in rows]
+    expected = np.array(ours).T
+    if not with_effort:
+        expected[2] = 0.0
+    for form in (message, bytes(serialize_message(message))):
+        states = joints.wheel_states(form)
+        assert states.stamp_ns == stamp_ns
+        assert bits(states.angle, states.speed, states.torque) == bits(*expected)
+
+
+def test_a_sender_that_changes_its_order_is_followed():
+    joints = JointTelemetry("wheel_states", JOINTS)
+    for names in (["rl", "fr", "fl"], ["arm", "fl", "fr", "rl"], list(JOINTS), ["fr", "rl", "fl", "arm"]):
+        speeds = {"fl": 1.0, "fr": 2.0, "rl": 3.0, "arm": 9.0}
+        message = foreign(name=names, position=[0.0] * len(names), velocity=[speeds[name] for name in names])
+        assert joints.wheel_states(message).speed.tolist() == [1.0, 2.0, 3.0]
+        with pytest.raises(MessageError, match="no rl among"):
+            joints.wheel_states(foreign(name=["fl", "fr", "arm"]))
 
 
 @given(STAMPS, FINITE, FINITE, FINITE, FINITE, st.floats(0.0, 1e3))
