@@ -8,12 +8,12 @@ from pathlib import Path
 from rich.console import Console
 
 import strap_rover
-from missions.plan import CONTROLLERS, plan_run
+from missions.plan import CONTROLLERS, RunPlan, plan_run
 from missions.stop_request import StopRequest
 from sim_bridge.scenarios import SCENARIOS
 from strap_rover.flight_recorder.bag_format import BagError
 from strap_rover.installed_data import InstalledDataError
-from strap_rover.settings import SettingsError
+from strap_rover.settings import SettingsError, settings_from_mapping
 
 EXIT_OK, EXIT_FAILED, EXIT_ASKED_WRONGLY, EXIT_STOPPED = 0, 1, 2, 130
 STUDIES = ("mars_snag",)
@@ -50,12 +50,32 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument("--out", type=Path, metavar="DIR", help="empty folder for bag, summary.json, run.png")
     demo.add_argument("--params-file", type=Path, metavar="FILE", help="ROS parameter file over the shipped config/")
     demo.add_argument("--rover", metavar="NAME", help="a rover of config/rovers or a YAML file of your own")
+    demo.add_argument("--live", action="store_true", help="nodes as processes on wall time, boards on serial ports")
+    demo.add_argument("--executor", choices=("single", "events"), default="single", help="of the nodes of --live")
     demo.set_defaults(command=_demo)
 
-    bag = commands.add_parser("bag", help="look at recorded bags").add_subparsers(required=True, metavar="COMMAND")
+    bag = commands.add_parser("bag", help="look at recorded bags, play them").add_subparsers(
+        required=True, metavar="COMMAND"
+    )
     info = bag.add_parser("info", help="topics, counts, rates and times of a bag")
     info.add_argument("bag", type=Path, metavar="DIR", help="bag folder or .mcap file")
     info.set_defaults(command=_bag_info)
+    play = bag.add_parser("play", help="publish what a bag holds into the running graph")
+    play.add_argument("bag", metavar="DIR", help="bag folder or .mcap file")
+    pace = play.add_mutually_exclusive_group()
+    pace.add_argument("--rate", type=float, metavar="X", help="times real time (default 1)")
+    pace.add_argument("--as-fast-as-possible", action="store_true", help="waiting for nobody, slow listeners included")
+    play.add_argument("--start", type=float, metavar="S", help="begin this many seconds after the bag does")
+    play.add_argument("--loop", action="store_true", help="begin again at the end, which sets /clock back")
+    play.add_argument(
+        "--topics",
+        nargs="+",
+        metavar="NAME",
+        help="what to play, `all` for everything (default: what estimator and controller are fed with)",
+    )
+    play.add_argument("--clock", action="store_true", help="send bag time on /clock, for nodes with use_sim_time")
+    play.add_argument("--wait", type=float, metavar="S", help="for listeners to every topic, at most (default 10)")
+    play.set_defaults(command=_bag_play)
 
     study = commands.add_parser("case_study", help="many runs of one question, as a table")
     study.add_argument("study", choices=("all", *STUDIES), metavar="NAME", help=f"all, {', '.join(STUDIES)}")
@@ -73,8 +93,11 @@ def _demo(options: argparse.Namespace, console: Console, stop: StopRequest) -> i
     plan = plan_run(
         options.scenario, options.controller, options.seed, options.duration, options.params_file, options.rover
     )
+    kind = "live" if options.live else "demo"
     try:
-        folder = output_folder(options.out, f"demo-{plan.scenario.name}-{plan.controller.policy}")
+        folder = output_folder(options.out, f"{kind}-{plan.scenario.name}-{plan.controller.policy}")
+        if options.live:
+            return _demo_live(plan, folder, options.executor, console, stop)
         result = run_demo(plan, folder, console, stop)
     except OutputFolderError as error:
         return _complain(error, EXIT_ASKED_WRONGLY)
@@ -88,11 +111,49 @@ def _demo(options: argparse.Namespace, console: Console, stop: StopRequest) -> i
     return EXIT_OK if result.complete else EXIT_STOPPED
 
 
+def _demo_live(plan: RunPlan, folder: Path, executor: str, console: Console, stop: StopRequest) -> int:
+    from missions.demo import print_result  # noqa: PLC0415 - ROS is slow
+    from missions.live_demo import LiveRunError, OtherGraphError, print_report, run_live  # noqa: PLC0415
+    from missions.live_graph import NodeDiedError  # noqa: PLC0415
+
+    try:
+        result = run_live(plan, folder, console, stop, executor=executor)
+    except OtherGraphError as error:
+        return _complain(error, EXIT_ASKED_WRONGLY)
+    except (LiveRunError, NodeDiedError) as error:
+        return _complain(error, EXIT_STOPPED if stop() else EXIT_FAILED)
+    print_result(result.demo, console)
+    print_report(result, console)
+    if not result.demo.complete:
+        return EXIT_STOPPED
+    return EXIT_OK if result.report.is_clean else EXIT_FAILED
+
+
 def _bag_info(options: argparse.Namespace, console: Console, _stop: StopRequest) -> int:
     from strap_rover.flight_recorder.bag_reader import info_table, read_bag_summary  # noqa: PLC0415 - only needed here
 
     console.print(info_table(read_bag_summary(options.bag)))
     return EXIT_OK
+
+
+def _bag_play(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:
+    from missions.bag_play import play_bag  # noqa: PLC0415 - ROS is slow
+    from strap_rover.flight_recorder.player_settings import PlayerSettings  # noqa: PLC0415
+
+    if options.rate is not None and options.rate <= 0.0:
+        return _complain(f"--rate {options.rate:g}: give more than 0, or --as-fast-as-possible", EXIT_ASKED_WRONGLY)
+    asked = {
+        "bag": options.bag,
+        "rate": 0.0 if options.as_fast_as_possible else options.rate,
+        "start_offset_s": options.start,
+        "loop": options.loop,
+        "topics": options.topics,
+        "clock": options.clock,
+        "wait_s": options.wait,
+    }
+    given = {name: value for name, value in asked.items() if value is not None}
+    settings = settings_from_mapping(PlayerSettings, given, "bag play")
+    return EXIT_OK if play_bag(settings, console, stop) else EXIT_STOPPED
 
 
 def _case_study(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:
