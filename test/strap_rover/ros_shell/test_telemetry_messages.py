@@ -82,7 +82,10 @@ def test_joint_states_of_other_senders(form):
     assert states.torque.tolist() == [0.0] * 3  # no effort means no torque
     assert joints.wheel_states(form(foreign(effort=[3.0] * 3))).torque.tolist() == [3.0] * 3
     for wrong, said in (
-        ({"name": ["fl", "rl", "xx"]}, "no fr among joints ['fl', 'rl', 'xx']; give joints the same names in the"),
+        (
+            {"name": ["fl", "rl", "xx"]},
+            "no fr among joints ['fl', 'rl', 'xx']; sender and receiver must use the same rover",
+        ),
         ({"name": []}, "no fl, fr, rl among joints []"),
         ({"name": ["fl", "fr", "rl", "fl"]}, "fl is named twice in ['fl', 'fr', 'rl', 'fl']; name each joint once"),
         ({"name": ["fl", "fr", "rl", "arm"]}, "3 positions for 4 joints"),
