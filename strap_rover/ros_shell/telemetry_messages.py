@@ -101,8 +101,8 @@ class JointTelemetry:
         missing = [joint for joint in self._joints if joint not in names]
         if missing:
             raise MessageError(
-                f"{self._topic}: no {', '.join(missing)} among joints {names}; sender and receiver must use the same rover "
-                "description, or its joint names (joint_state_broadcaster: parameter `joints`)"
+                f"{self._topic}: no {', '.join(missing)} among joints {names}; sender and receiver must use the same "
+                "rover description, or its joint names (joint_state_broadcaster: parameter `joints`)"
             )
         twice = [joint for joint in self._joints if names.count(joint) > 1]
         if twice:
