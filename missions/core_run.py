@@ -52,7 +52,7 @@ class CoreGraph:
         output = self._controller.tick(now_ns)
         self.world.feed_wheel_commands(output.commands)
         self._log.add(topics.TRACTION_COMMANDS, now_ns, output.commands.speed[:, None].copy(), _NO_VALUES)
-        if now_ns % ESTIMATOR_NS == 0:
+        if now_ns % ESTIMATOR_NS == 0 or output.is_turn:
             row = topics.TRACTION_STATE
             self._log.add(row, now_ns, wheel_matrix(row, output.state), rover_vector(row, output.state))
         return output

@@ -69,22 +69,34 @@ class TractionControllerNode(NodeShell[TractionParameters]):
             self.create_service(SetBool, "~/hold", self._hold)
 
     def tick(self) -> None:
-        """Decide for now; publish the commands, and the state every 20 ms."""
+        """Decide for now; publish the commands, and the state every 20 ms and where mode or fault turn."""
         now_ns = self._last_tick_ns = self.now_ns()
         output = self._core.tick(now_ns)
         self._commands.send(telemetry.wheel_commands_message(output.commands))
         self._stamped_commands.send(self._joints.wheel_commands_message(output.commands))
-        if abs(now_ns - self._last_state_ns) >= STATE_NS:  # abs: a clock set back must not silence it
+        is_due = abs(now_ns - self._last_state_ns) >= STATE_NS  # abs: a clock set back must not silence it
+        if is_due:
             self._last_state_ns = now_ns
+        if is_due or output.is_turn:
             self._state.send(self._messages.traction_state_message(output.state))
 
     def health(self) -> Sequence[Health]:
-        """One part: mode, and the fault with its name."""
+        """One part: what is wrong and what to do about it, else why the rover does what it does."""
         health = self._core.health()
         stopped = health.mode in {TractionMode.HALT, TractionMode.FAULT}
-        level = HealthLevel.ERROR if stopped else HealthLevel.OK if health.fault is Fault.NONE else HealthLevel.WARN
+        level = HealthLevel.ERROR if stopped else HealthLevel.WARN if health.complaints else HealthLevel.OK
+        told = list(health.complaints)
+        if health.fault is not Fault.NONE:
+            told.append("the wheels stand until every input is good")
+        if health.mode is TractionMode.HALT or not told:
+            told.insert(0, health.reason)
         counts = asdict(health) | {"mode": health.mode.name, "fault": health.fault.name}
-        return [Health("traction", level, health.reason, counts)]
+        del counts["complaints"]
+        return [Health("traction", level, "; ".join(told), counts)]
+
+    def settings_changed(self) -> None:
+        """Drive by them from the next tick on."""
+        self._core.retune(self.settings)
 
     def _tick_if_due(self) -> None:
         if abs(self.now_ns() - self._last_tick_ns) > 3 * TICK_NS // 2:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from traction_controller.traction import TractionSettings
+from traction_controller.traction_settings import TractionSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,8 @@
 """The supervisor: when the rover may drive, when it must stand, and how often it tries again.
 
 What it may do stands in one table, `TRANSITIONS`: the first row whose mode and condition hold is taken, one row per
-tick. Outside `DRIVING_MODES` every wheel is commanded to zero, which is the safe state.
+tick. Outside `DRIVING_MODES` every wheel is to come to zero, which is the safe state: on a ramp, but at once and in any
+mode while a fault of `IMMEDIATE_STOP_FAULTS` is present.
 """
 
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ class Fault(IntEnum):
 
     NONE = 0
     SENSOR_LATE = 1
-    """No contact angles within the time-out."""
+    """No contact angles within the time-out, or more boards of straps silent than allowed."""
     ODOMETRY_LATE = 2
     """No body motion within the time-out."""
     WHEEL_STATES_LATE = 3
@@ -51,6 +52,22 @@ class Fault(IntEnum):
     """More straps than allowed have been without a usable reading for longer than the hold time."""
     COMMAND_LATE = 5
     """No speed request within the time-out."""
+    SOIL_STATE_LATE = 6
+    """A soil estimator that has spoken is silent for longer than the time-out."""
+
+
+IMMEDIATE_STOP_FAULTS = frozenset(
+    {
+        Fault.SENSOR_LATE,
+        Fault.ODOMETRY_LATE,
+        Fault.WHEEL_STATES_LATE,
+        Fault.SENSOR_FAULT,
+        Fault.SOIL_STATE_LATE,
+    }
+)
+"""Faults in which nobody knows what the wheels do to the soil: on the very tick that one is present, reported or behind
+another, every wheel is commanded to exactly zero; the motor drives limit how fast they brake. An operator who is gone
+(COMMAND_LATE) leaves a rover that sees: it ramps down as it does for a hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +132,7 @@ TRANSITIONS: tuple[Transition, ...] = (
     _row(DRIVING_MODES, "faulted", _M.FAULT, "an input is late or faulty"),
     _row({_M.FAULT}, "clear", _M.DRIVE, "every input is back"),
     _row(DRIVING_MODES, "stalled", _M.STALL, "the wheels turned and the rover did not move"),
-    _row({_M.STALL}, "standing_exhausted", _M.HALT, "the wheels stand and no retry is left"),
+    _row({_M.STALL}, "standing_exhausted", _M.HALT, "no retry is left: free the rover, then call ~/reset"),
     _row({_M.STALL}, "standing", _M.WAIT, "the wheels stand"),
     _row({_M.WAIT}, "waited", _M.RETRY, "the waiting time has passed"),
     _row({_M.RETRY}, "free", _M.DRIVE, "the rover is free again"),
@@ -144,10 +161,14 @@ class StallWatch:
 
     def __init__(self, wheel_radius: FloatArray, rim_travel_m: float, progress_m: float) -> None:
         self._radius = wheel_radius
-        self._rim_travel_m = rim_travel_m
-        self._progress_m = progress_m
         self._angle: FloatArray | None = None
         self._progress = 0.0
+        self.retune(rim_travel_m, progress_m)
+
+    def retune(self, rim_travel_m: float, progress_m: float) -> None:
+        """Judge by other ways from now on; what was travelled counts on."""
+        self._rim_travel_m = rim_travel_m
+        self._progress_m = progress_m
 
     def restart(self) -> None:
         """Forget what was: the next update is the new start."""
@@ -174,24 +195,28 @@ class Supervisor:
     """Holds the mode and counts the retries."""
 
     def __init__(self, wait_s: float, retries_max: int, free_distance_m: float) -> None:
+        self.stalls = 0
+        """Stalls since construction."""
+        self.retune(wait_s, retries_max, free_distance_m)
+        self.reset()
+
+    def retune(self, wait_s: float, retries_max: int, free_distance_m: float) -> None:
+        """Go by other limits from now on; time waited, retries used and way made count on."""
         self._wait_ns = round(wait_s * 1e9)
         self._retries_max = retries_max
         self._free_distance_m = free_distance_m
-        self.stalls = 0
-        """Stalls since construction."""
-        self.reset()
 
     def reset(self) -> None:
         """Back to STANDBY with all retries; this alone leaves HALT."""
         self.mode = TractionMode.STANDBY
         self.retries = 0
-        self.reason = "reset"
-        self._entered_ns = 0
+        self.reason = "nothing is asked yet: send cmd_vel to drive"
+        self._in_mode_ns = 0
         self._way_since_stall_m = 0.0
 
     def step(
         self,
-        now_ns: int,
+        step_ns: int,
         *,
         held: bool,
         asked: bool,
@@ -204,7 +229,8 @@ class Supervisor:
         """Take at most one transition and return the mode.
 
         Args:
-            now_ns: time of the tick [ns].
+            step_ns: time since the last step, >= 0 [ns]; added up, so that no wait ends early or lasts for hours when
+                the clock is set.
             held: the operator holds the rover.
             asked: a speed request has ever arrived.
             fault: what is wrong with the inputs.
@@ -213,6 +239,7 @@ class Supervisor:
             limited: some wheel is to be held below what was asked.
             advance_m: how far the body moved in the direction of travel since the last step [m].
         """
+        self._in_mode_ns += step_ns
         if self.mode in DRIVING_MODES:
             self._way_since_stall_m += advance_m
         free = self._way_since_stall_m >= self._free_distance_m
@@ -227,20 +254,20 @@ class Supervisor:
                 faulted=faulted,
                 stalled=stalled,
                 standing=standing,
-                waited=not faulted and now_ns - self._entered_ns >= self._wait_ns,
+                waited=not faulted and self._in_mode_ns >= self._wait_ns,
                 exhausted=self.retries >= self._retries_max,
                 free=free,
                 limited=limited,
             ),
         )
         if row is not None:
-            self._enter(row, now_ns)
+            self._enter(row)
         return self.mode
 
-    def _enter(self, row: Transition, now_ns: int) -> None:
+    def _enter(self, row: Transition) -> None:
         self.mode = row.to
         self.reason = row.reason
-        self._entered_ns = now_ns
+        self._in_mode_ns = 0
         if row.to is TractionMode.STALL:
             self.stalls += 1
             self._way_since_stall_m = 0.0

@@ -44,6 +44,34 @@ def test_values_stand_under_the_names_of_the_contract():
     assert (named["state"], named["retries"], named["fault"]) == (4.0, 2.0, 4.0)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "problem"),
+    [
+        ("state", 8.0, "state is 8, which is no TractionMode; known are 0 to 7: sender and receiver"),
+        ("state", -1.0, "state is -1, which is no TractionMode"),
+        ("state", 1.5, "state is 1.5, which is no TractionMode"),
+        ("state", float("nan"), "state is nan, which is no TractionMode"),
+        ("fault", 7.0, "fault is 7, which is no Fault; known are 0 to 6"),
+        ("fault", float("inf"), "fault is inf, which is no Fault"),
+        ("retries", -1.0, "retries is -1.0; send a whole number"),
+        ("retries", 0.5, "retries is 0.5; send a whole number"),
+        ("retries", float("nan"), "retries is nan; send a whole number"),
+        ("retries", float("inf"), "retries is inf; send a whole number"),
+        ("r/limited", 2.0, r"limited is \[0.0, 2.0\]; send 0 or 1"),
+        ("l/limited", float("nan"), r"limited is \[nan, 1.0\]; send 0 or 1"),
+    ],
+)
+def test_a_code_that_means_nothing_here_is_refused(name, value, problem):
+    good = TractionState(
+        4, np.array([1.0, 2.0]), np.array([3.0, 4.0]), np.array([0, 1]), TractionMode.WAIT, 2, Fault.SENSOR_FAULT
+    )
+    messages = TractionMessages(("l", "r"))
+    message = deserialize_message(messages.traction_state_message(good), JointState)
+    message.position[list(message.name).index(name)] = value
+    with pytest.raises(MessageError, match=f"traction/state: {problem}"):
+        messages.traction_state(message)
+
+
 def test_another_rovers_state_is_refused():
     state = TractionState(4, *np.zeros((2, 1)), np.zeros(1, dtype=np.int64), TractionMode.WAIT, 2, Fault.NONE)
     with pytest.raises(MessageError, match=r"traction/state: name\[0\] is 'w/omega_min', expected 'l/omega_min'"):

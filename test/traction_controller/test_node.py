@@ -7,6 +7,7 @@ import pytest
 import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
@@ -116,6 +117,7 @@ def bench(ros_context, wait_until):
 
 def test_what_it_commands_is_what_the_core_commands(bench):
     core = TractionController(ROVER, TractionParameters())
+    states = 0
     for index in range(1, 51):
         records = inputs(10 * MS * index, 0.02 * index, min(0.01 * index, 0.4), 0.2 if index < 30 else 0.05)
         bench.feed(messages(records))
@@ -131,10 +133,12 @@ def test_what_it_commands_is_what_the_core_commands(bench):
         np.testing.assert_array_equal(sent.speed, expected.commands.speed)
         np.testing.assert_array_equal(copy.speed, expected.commands.speed)
         assert copy.stamp_ns == 10 * MS * index
+        states += index % 2 == 0 or expected.is_turn
     assert sent.speed.min() > 0.5
     assert {name: len(heard) for name, heard in bench.heard.items()} == {
-        "wheel_commands": 50, "traction/commands": 50, "traction/state": 25, "/diagnostics": 0,
+        "wheel_commands": 50, "traction/commands": 50, "traction/state": states, "/diagnostics": 0,
     }  # fmt: skip
+    assert 26 <= states <= 30
     np.testing.assert_array_equal(bench.state.omega_max, expected.state.omega_max)
     assert bench.state.state is TractionMode.LIMIT
 
@@ -144,7 +148,26 @@ def test_without_inputs_every_wheel_is_told_to_stand(bench):
     assert list(bench.heard["wheel_commands"][-1].data) == [0.0] * 6
     assert (bench.state.state, bench.state.fault) == (TractionMode.STANDBY, Fault.SENSOR_LATE)
     status = bench.diagnostics()["traction_controller: traction"]
-    assert (status.level, status.message) == (bytes([HealthLevel.WARN]), "reset")
+    assert status.level == bytes([HealthLevel.WARN])
+    assert status.message == (
+        "contact angles are missing: is strap_sensor_driver running?; "
+        "odom is missing: does the rover or sim_bridge send it?; "
+        "wheel_states are missing: does the rover or sim_bridge send them?; "
+        "no soil_state: driving on the slip cap alone; start soil_flow_estimator to use what the soil says; "
+        "the wheels stand until every input is good"
+    )
+
+
+def test_with_every_input_and_no_request_it_says_what_it_waits_for(bench):
+    records = inputs(10 * MS)
+    del records["cmd_vel"]
+    bench.feed(messages(records))
+    bench.tick(10 * MS)
+    status = bench.diagnostics()["traction_controller: traction"]
+    assert (status.level, status.message) == (
+        bytes([HealthLevel.OK]),
+        "nothing is asked yet: send cmd_vel to drive",
+    )
 
 
 def test_an_input_that_stops_is_a_fault_in_words(bench):
@@ -152,15 +175,66 @@ def test_an_input_that_stops_is_a_fault_in_words(bench):
         bench.feed(messages(inputs(10 * MS * index, 0.02 * index)))
         bench.tick(10 * MS * index)
     assert bench.diagnostics()["traction_controller: traction"].level == bytes([HealthLevel.OK])
-    bench.tick(400 * MS)
+    for index in range(11, 46):
+        records = inputs(10 * MS * index, 0.02 * index)
+        del records["strap/contact_angles"]
+        bench.feed(messages(records))
+        bench.tick(10 * MS * index)
     status = bench.diagnostics()["traction_controller: traction"]
     values = {item.key: item.value for item in status.values}
     assert status.level == bytes([HealthLevel.ERROR])
-    assert status.message == "an input is late or faulty"
+    assert status.message == (
+        "contact angles are 0.35 s old: is strap_sensor_driver running?; the wheels stand until every input is good"
+    )
     assert (values["mode"], values["fault"]) == ("FAULT", "SENSOR_LATE")
-    for index in range(41, 200):  # ramped down, not dropped
-        bench.tick(10 * MS * index)
+    assert "complaints" not in values
     assert list(bench.heard["wheel_commands"][-1].data) == [0.0] * 6
+
+
+@pytest.mark.parametrize("late_tick_ms", [140, 150])
+def test_commands_copy_and_state_show_a_fault_on_the_tick_it_begins(bench, late_tick_ms):
+    for index in range(1, 4):
+        bench.feed(messages(inputs(10 * MS * index, 0.02 * index)))
+        bench.tick(10 * MS * index)
+    assert bench.state.fault is Fault.NONE
+    states = len(bench.heard["traction/state"])
+    bench.tick(late_tick_ms * MS)  # on and off the 20 ms of regular states
+    assert len(bench.heard["traction/state"]) == states + 1
+    assert (bench.state.stamp_ns, bench.state.fault) == (late_tick_ms * MS, Fault.SENSOR_LATE)
+    assert list(bench.heard["wheel_commands"][-1].data) == [0.0] * 6
+    copy = JOINTS.wheel_commands(bench.heard["traction/commands"][-1])
+    assert (copy.stamp_ns, copy.speed.tolist()) == (late_tick_ms * MS, [0.0] * 6)
+
+
+def test_parameters_set_on_the_running_node_reach_the_core(bench):
+    core = TractionController(ROVER, TractionParameters())
+    result = bench.node.set_parameters([Parameter("slip_cap", value=0.1), Parameter("wait_s", value=2.0)])
+    assert all(one.successful for one in result)
+    core.retune(replace(TractionParameters(), slip_cap=0.1, wait_s=2.0))
+    for index in range(1, 31):
+        records = inputs(10 * MS * index, 0.02 * index, 0.2)
+        bench.feed(messages(records))
+        bench.tick(10 * MS * index)
+        core.feed_wheel_states(records["wheel_states"])
+        core.feed_body_motion(records["odom"])
+        core.feed_speed_request(records["cmd_vel"])
+        core.feed_soil_state(records["soil_state"])
+        core.feed_contact_angles(records["strap/contact_angles"])
+        expected = core.tick(10 * MS * index)
+    np.testing.assert_array_equal(bench.state.omega_max, expected.state.omega_max)
+    assert bench.state.omega_max == pytest.approx(0.22 / (0.25 * 0.9) * np.ones(6))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [("slip_cap", 0.6, "slip_cap"), ("policy", "constant", "read-only"), ("rover", "other", "read-only")],
+)
+def test_a_parameter_that_must_not_change_so_is_refused_with_the_reason(bench, name, value, reason):
+    before = bench.node.settings
+    (result,) = bench.node.set_parameters([Parameter(name, value=value)])
+    assert not result.successful
+    assert reason in result.reason
+    assert bench.node.settings is before
 
 
 @pytest.mark.parametrize("name", ["wheel_states", "odom", "soil_state", "strap/contact_angles"])

@@ -5,7 +5,7 @@ import pytest
 from strap_rover.installed_data import config_file
 from strap_rover.settings import SettingsError, load_settings, settings_from_mapping
 from traction_controller.parameters import TractionParameters
-from traction_controller.traction import TractionSettings
+from traction_controller.traction_settings import TractionSettings
 
 
 def test_the_shipped_file_says_every_parameter_at_its_default():

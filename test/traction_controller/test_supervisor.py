@@ -87,10 +87,8 @@ class Driver:
 
     def __init__(self, **kwargs):
         self.supervisor = Supervisor(**{"wait_s": 8.0, "retries_max": 3, "free_distance_m": 0.5, **kwargs})
-        self.now_ns = 0
 
-    def step(self, **kwargs):
-        self.now_ns += 100_000_000
+    def step(self, step_ns=100_000_000, **kwargs):
         facts = {
             "held": False,
             "asked": True,
@@ -100,7 +98,7 @@ class Driver:
             "limited": False,
             "advance_m": 0.0,
         }
-        return self.supervisor.step(self.now_ns, **{**facts, **kwargs})
+        return self.supervisor.step(step_ns, **{**facts, **kwargs})
 
     def stall_and_wait(self):
         self.step(stalled=True)
@@ -127,6 +125,30 @@ def test_it_waits_its_time_and_gives_up_after_the_retries():
     driver.supervisor.reset()
     assert driver.supervisor.retries == 0
     assert driver.step() is DRIVE
+
+
+def test_a_wait_is_the_sum_of_its_steps():
+    driver = Driver(wait_s=1.0)
+    driver.step()
+    driver.step(stalled=True)
+    driver.step(standing=True)
+    for step_ns in (0, 300_000_000, 0, 699_999_999):
+        assert driver.step(step_ns) is WAIT
+    assert driver.step(1) is RETRY
+
+
+def test_tuned_limits_hold_for_what_goes_on():
+    driver = Driver()
+    driver.step()
+    driver.step(stalled=True)
+    driver.step(standing=True)
+    for _ in range(20):
+        assert driver.step() is WAIT
+    driver.supervisor.retune(2.0, 1, 0.3)
+    assert driver.step() is RETRY
+    assert driver.step(advance_m=0.29) is RETRY
+    driver.step(stalled=True)
+    assert driver.step(standing=True) is HALT
 
 
 def test_no_retries_means_none():
@@ -218,6 +240,16 @@ def test_rolling_back_before_driving_off_is_no_stall_and_rolling_back_while_driv
     assert not stall_watch.update(turned(0.09), 0.03)
     assert not stall_watch.update(turned(0.18), 0.03)
     assert stall_watch.update(turned(0.30), -0.03)
+
+
+def test_a_tuned_watch_judges_what_was_travelled_by_the_new_ways():
+    stall_watch = watch()
+    stall_watch.update(turned(0.0), 0.0)
+    assert not stall_watch.update(turned(0.06), 0.01)
+    stall_watch.retune(0.05, 0.02)
+    assert stall_watch.update(turned(0.06), 0.0)
+    stall_watch.retune(0.05, 0.005)
+    assert not stall_watch.update(turned(0.06), 0.0)
 
 
 def test_restart_forgets():

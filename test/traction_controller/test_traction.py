@@ -1,14 +1,18 @@
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from soil_flow_estimator.soil_state import SoilState, SoilStatus
 from strap_rover.rover import load_rover
 from strap_rover.telemetry import BodyMotion, SpeedRequest, WheelStates
 from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus
-from traction_controller.supervisor import Fault, TractionMode
-from traction_controller.traction import TractionController, TractionSettings
+from traction_controller.supervisor import IMMEDIATE_STOP_FAULTS, Fault, TractionMode
+from traction_controller.traction import TractionController
+from traction_controller.traction_settings import TractionSettings
 
 ROVER = load_rover("curiosity")
 ONES = np.ones(6)
@@ -17,7 +21,7 @@ DAY_NS = 86_400_000 * MS
 
 
 class Bench:
-    """A rover held at given numbers, ticking every 10 ms; anything can be silenced."""
+    """A rover held at given numbers, ticking every 10 ms; anything can be silenced. A soil estimator is an option."""
 
     def __init__(self, **settings):
         self.controller = TractionController(ROVER, TractionSettings(**settings))
@@ -29,6 +33,7 @@ class Bench:
         self.theta_2 = np.deg2rad(-5.0) * ONES
         self.status = np.zeros(6, dtype=np.int64)
         self.asked = 0.5
+        self.slip_max = None
         self.silent = set()
         self.lead_ns = {}
 
@@ -46,12 +51,15 @@ class Bench:
             c.feed_body_motion(BodyMotion(self.stamp("odometry"), 0.0, 0.0, 0.0, self.speed, 0.005))
         if "request" not in self.silent:
             c.feed_speed_request(SpeedRequest(self.stamp("request"), self.asked))
+        if "soil" not in self.silent and self.slip_max is not None:
+            c.feed_soil_state(soil_state(self.stamp("soil"), self.slip_max))
         return c.tick(self.now_ns)
 
     def stamp(self, name):
         return self.now_ns + self.lead_ns.get(name, 0)
 
     def run(self, seconds):
+        output = None
         for _ in range(round(seconds * 100)):
             output = self.tick()
         return output
@@ -124,7 +132,9 @@ def test_soil_state_tightens_while_it_is_fresh_and_known():
     free = bench.run(1.0).state.omega_max
     bench.controller.feed_soil_state(soil_state(bench.now_ns, 0.1))
     assert bench.tick().state.omega_max == pytest.approx(0.2 / (0.25 * 0.9) * ONES)
-    assert bench.run(0.3).state.omega_max == pytest.approx(free)
+    late = bench.run(0.3)
+    assert late.state.omega_max == pytest.approx(free)
+    assert late.state.fault is Fault.SOIL_STATE_LATE
     for looser in (soil_state(bench.now_ns, 0.44), soil_state(bench.now_ns, 0.1, SoilStatus.NO_DATA)):
         bench.controller.feed_soil_state(looser)
         assert bench.tick().state.omega_max == pytest.approx(free)
@@ -171,38 +181,239 @@ def test_policies_with_stall_check_stop(policy):
     assert bench.run(8.1).state.state is TractionMode.RETRY
 
 
+POLICIES = ("soil_flow", "constant", "slip_limit", "angle_threshold")
 LATE = [
     ("angles", 0.1, Fault.SENSOR_LATE),
     ("odometry", 0.2, Fault.ODOMETRY_LATE),
     ("wheels", 0.1, Fault.WHEEL_STATES_LATE),
     ("request", 0.5, Fault.COMMAND_LATE),
+    ("soil", 0.2, Fault.SOIL_STATE_LATE),
 ]
+LATE_AND_STOP = [row for row in LATE if row[0] != "request"]
 
 
-@pytest.mark.parametrize("policy", ["soil_flow", "constant", "slip_limit", "angle_threshold"])
-@pytest.mark.parametrize(("silent", "timeout_s", "fault"), LATE)
-def test_every_policy_stops_when_an_input_is_late_and_drives_on_when_it_is_back(policy, silent, timeout_s, fault):
-    bench = Bench(policy=policy)
-    bench.speed = 0.5
-    before = bench.run(2.0)
-    assert (before.commands.speed > 1.5).all()
+def driving(policy="soil_flow", sign=1.0, **settings):
+    """At speed, with a soil estimator that has nothing against it."""
+    bench = Bench(policy=policy, **settings)
+    bench.speed, bench.asked, bench.slip_max = sign * 0.5, sign * 0.5, 0.45
+    output = bench.run(2.0)
+    assert (sign * output.commands.speed > 1.5).all()
+    assert output.state.fault is Fault.NONE
+    return bench
+
+
+def silent_until_late(bench, silent, timeout_s):
+    """The first tick on which what is silenced is late."""
     bench.silent = {silent}
     assert bench.run(timeout_s).state.fault is Fault.NONE
-    late = bench.tick()
+    return bench.tick()
+
+
+@pytest.mark.parametrize(
+    ("policy", "silent", "timeout_s", "fault"),
+    [(policy, *row) for policy in POLICIES for row in LATE if row[0] != "soil" or policy == "soil_flow"],
+)
+def test_every_policy_stops_when_an_input_is_late_and_drives_on_when_it_is_back(policy, silent, timeout_s, fault):
+    bench = driving(policy)
+    late = silent_until_late(bench, silent, timeout_s)
     assert late.state.fault is fault
     assert late.state.state is TractionMode.FAULT
-    assert late.commands.speed == pytest.approx(before.commands.speed - 0.02)  # 2 rad/s^2 in 10 ms
     assert not bench.run(1.2).commands.speed.any()
     assert bench.controller.health().fault_entries[fault.name] == 1
     bench.silent = set()
     assert (bench.run(0.5).commands.speed > 0.5).all()
 
 
+def test_which_faults_stop_at_once():
+    assert set(Fault) - IMMEDIATE_STOP_FAULTS == {Fault.NONE, Fault.COMMAND_LATE}
+
+
+@pytest.mark.parametrize(("silent", "timeout_s", "fault"), LATE_AND_STOP)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_on_the_tick_an_input_is_late_every_wheel_is_commanded_to_exactly_zero(silent, timeout_s, fault, sign):
+    bench = driving(sign=sign)
+    late = silent_until_late(bench, silent, timeout_s)
+    assert late.state.fault is fault
+    assert late.commands.speed.tobytes() == np.zeros(6).tobytes()
+    bench.silent = set()
+    for tick in range(1, 51):  # 2 rad/s^2 in 10 ms
+        assert bench.tick().commands.speed == pytest.approx(sign * 0.02 * tick * ONES)
+
+
+def test_an_operator_who_is_gone_is_a_ramp():
+    bench = driving("constant")
+    assert silent_until_late(bench, "request", 0.5).commands.speed == pytest.approx(1.98 * ONES)
+    assert bench.run(0.49).commands.speed == pytest.approx(1.0 * ONES)
+
+
+@pytest.mark.parametrize(("silent", "timeout_s", "fault"), LATE_AND_STOP)
+@pytest.mark.parametrize("why", ["held", "reset", "request late", "stalled"])
+def test_a_ramp_to_zero_ends_at_once_when_an_input_is_late(silent, timeout_s, fault, why):
+    bench = driving(stall_rim_travel_m=0.01, command_timeout_s=0.05)
+    bench.silent = {silent}
+    bench.run(timeout_s - 0.1)
+    if why == "held":
+        bench.controller.hold(True)
+    elif why == "request late":
+        bench.silent = {silent, "request"}
+    elif why == "stalled":
+        bench.speed, bench.omega = 0.0, 2.0 * ONES
+    if why == "reset":
+        bench.controller.reset()
+        bench.slip_max = None if silent == "soil" else 0.45
+        bench.silent = {silent, "request"}
+    ramped = bench.run(0.1)
+    assert (ramped.commands.speed > 0.5).all()
+    assert (ramped.commands.speed < 1.98).all()
+    stopped = bench.tick()
+    if (why, silent) == ("reset", "soil"):  # forgotten, so not missed
+        assert stopped.commands.speed.all()
+    else:
+        assert stopped.commands.speed.tobytes() == np.zeros(6).tobytes()
+        assert stopped.state.fault is (Fault.COMMAND_LATE if (why, silent) == ("request late", "soil") else fault)
+
+
+def test_the_lowest_code_is_reported_and_the_one_behind_it_is_counted_and_stops_the_wheels():
+    bench = driving("soil_flow", soil_state_timeout_s=0.6)
+    bench.silent = {"request", "soil"}
+    ramped = bench.run(0.6)
+    assert ramped.state.fault is Fault.COMMAND_LATE
+    assert ramped.commands.speed.all()
+    stopped = bench.tick()
+    assert stopped.state.fault is Fault.COMMAND_LATE
+    assert not stopped.commands.speed.any()
+    assert not stopped.is_turn
+    entries = bench.controller.health().fault_entries
+    assert (entries["COMMAND_LATE"], entries["SOIL_STATE_LATE"]) == (1, 1)
+
+
+def test_a_turn_is_a_tick_on_which_mode_or_fault_is_another():
+    bench = Bench(policy="constant")
+    bench.silent = {"request"}
+    assert not any(bench.tick().is_turn for _ in range(10))  # STANDBY and no fault is where it starts
+    bench.silent = set()
+    assert [bench.tick().is_turn for _ in range(3)] == [True, False, False]
+    bench.silent = {"angles"}
+    assert [bench.tick().is_turn for _ in range(13)] == [False] * 10 + [True, False, False]
+    bench.silent = {"angles", "wheels"}  # the lower code stays in front
+    assert not any(bench.tick().is_turn for _ in range(20))
+    bench.silent = {"wheels"}
+    output = bench.tick()
+    assert (output.is_turn, output.state.fault, output.state.state) == (
+        True,
+        Fault.WHEEL_STATES_LATE,
+        TractionMode.FAULT,
+    )
+    missing = Bench()
+    missing.silent = {"angles"}
+    assert missing.tick().is_turn  # a fault from the first tick on
+
+
+SILENT_BOARD = (ContactStatus.NO_DATA, ContactStatus.UNKNOWN_PROTOCOL)
+
+
+def read_as(bench, *codes):
+    """The first wheels read with these codes, the others are fine."""
+    bench.status = np.array([*map(int, codes)] + [0] * (6 - len(codes)))
+
+
+@pytest.mark.parametrize("status", SILENT_BOARD)
+def test_a_silent_board_is_a_late_sensor_on_the_tick_it_is_said(status):
+    bench = driving()
+    read_as(bench, status, status)
+    stopped = bench.tick()
+    assert stopped.state.fault is Fault.SENSOR_LATE
+    assert stopped.commands.speed.tobytes() == np.zeros(6).tobytes()
+    read_as(bench)
+    assert bench.tick().state.fault is Fault.NONE
+    entries = bench.controller.health().fault_entries
+    assert (entries["SENSOR_LATE"], entries["SENSOR_FAULT"]) == (1, 0)
+
+
+@pytest.mark.parametrize("status", [code for code in ContactStatus if code.is_fault and code not in SILENT_BOARD])
+def test_any_other_strap_fault_has_its_hold_time(status):
+    bench = driving()
+    read_as(bench, status)
+    assert bench.run(0.5).state.fault is Fault.NONE
+    stopped = bench.tick()
+    assert stopped.state.fault is Fault.SENSOR_FAULT
+    assert stopped.commands.speed.tobytes() == np.zeros(6).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("silent_wheels", "open_wheels", "allowed", "fault"),
+    [
+        (1, 0, 0, Fault.SENSOR_LATE),
+        (1, 0, 1, Fault.NONE),
+        (2, 0, 1, Fault.SENSOR_LATE),
+        (3, 0, 3, Fault.NONE),
+        (0, 1, 1, Fault.NONE),
+        (1, 1, 1, Fault.SENSOR_FAULT),
+        (1, 1, 2, Fault.NONE),
+        (2, 1, 1, Fault.SENSOR_LATE),
+    ],
+)
+def test_silent_and_long_faulty_straps_are_counted_together(silent_wheels, open_wheels, allowed, fault):
+    bench = driving(blind_wheels_max=allowed)
+    read_as(bench, *[ContactStatus.VALID] * silent_wheels, *[ContactStatus.FAULT_OPEN_A] * open_wheels)
+    bench.run(0.5)
+    read_as(bench, *[ContactStatus.NO_DATA] * silent_wheels, *[ContactStatus.FAULT_OPEN_A] * open_wheels)
+    assert bench.tick().state.fault is fault
+
+
+def test_a_silent_strap_that_is_allowed_drives_on_the_slip_cap_at_once():
+    bench = Bench(blind_wheels_max=1)
+    bench.speed = 0.2
+    bench.run(1.0)
+    read_as(bench, ContactStatus.NO_DATA)
+    output = bench.tick()
+    assert output.state.omega_max[0] == pytest.approx(0.22 / (0.25 * 0.7))
+    assert output.state.omega_max[1] < output.state.omega_max[0]
+
+
+def test_a_soil_estimator_that_never_spoke_is_missed_by_nobody_and_named_in_health():
+    bench = Bench()
+    bench.speed = 0.5
+    output = bench.run(3.0)
+    assert output.state.fault is Fault.NONE
+    assert output.commands.speed.all()
+    (told,) = bench.controller.health().complaints
+    assert told.startswith("no soil_state: driving on the slip cap alone")
+    bench.slip_max = 0.45
+    bench.run(0.1)
+    assert bench.controller.health().complaints == ()
+
+
+def test_after_a_reset_the_rover_goes_on_without_the_soil_estimator():
+    bench = driving()
+    bench.silent = {"soil"}
+    assert bench.run(1.0).state.fault is Fault.SOIL_STATE_LATE
+    assert "~/reset" in bench.controller.health().complaints[0]
+    bench.controller.reset()
+    output = bench.run(1.0)
+    assert output.state.fault is Fault.NONE
+    assert output.commands.speed.all()
+    bench.silent = set()
+    assert bench.tick().state.fault is Fault.NONE
+    bench.silent = {"soil"}
+    assert bench.run(0.3).state.fault is Fault.SOIL_STATE_LATE  # it has spoken since
+
+
+@pytest.mark.parametrize("policy", ["constant", "slip_limit", "angle_threshold"])
+def test_the_baselines_do_not_miss_the_soil_estimator(policy):
+    bench = driving(policy)
+    bench.silent = {"soil"}
+    output = bench.run(2.0)
+    assert output.state.fault is Fault.NONE
+    assert output.commands.speed.all()
+    assert bench.controller.health().complaints == ()
+
+
 @pytest.mark.parametrize(("early", "timeout_s", "fault"), LATE)
 @pytest.mark.parametrize("seconds_before", [0.0, 2.0])
 def test_one_stamp_of_tomorrow_does_not_switch_a_time_out_off(early, timeout_s, fault, seconds_before):
     bench = Bench()
-    bench.speed = 0.5
+    bench.speed, bench.slip_max = 0.5, 0.45
     for _ in range(round(100 * seconds_before)):
         bench.tick()
     bench.lead_ns = {early: DAY_NS}
@@ -220,6 +431,7 @@ def test_one_stamp_of_tomorrow_does_not_switch_a_time_out_off(early, timeout_s, 
 @pytest.mark.parametrize(("early", "timeout_s", "fault"), LATE)
 def test_a_sender_whose_clock_is_a_day_ahead_is_a_fault_until_it_is_set_right(early, timeout_s, fault):
     bench = Bench()
+    bench.slip_max = 0.45
     bench.run(1.0)
     bench.lead_ns = {early: DAY_NS}
     assert bench.run(timeout_s + 0.02).state.fault is fault
@@ -237,7 +449,7 @@ def test_a_clock_that_is_set_back_stops_the_rover_for_a_moment_only(back_ns):
     bench.now_ns -= back_ns
     first = bench.tick()
     assert first.state.fault is Fault.SENSOR_LATE
-    assert np.abs(first.commands.speed - before.commands.speed).max() <= 0.02
+    assert not first.commands.speed.any()
     assert bench.tick().state.fault is Fault.NONE
     assert bench.controller.health().rejected_records == 4  # of the moment before anybody knew
     after = bench.run(2.0)
@@ -309,7 +521,7 @@ def test_predicted_angles_and_a_wheel_in_the_air_are_no_fault():
 
 
 @pytest.mark.parametrize("limit", [0.5, 2.0])
-def test_no_command_ever_changes_faster_than_the_limit(limit):
+def test_no_command_ever_changes_faster_than_the_limit_but_for_an_immediate_stop(limit):
     rng = np.random.default_rng(1)
     bench = Bench(acceleration_limit_radps2=limit, policy="constant")
     last = np.zeros(6)
@@ -317,8 +529,12 @@ def test_no_command_ever_changes_faster_than_the_limit(limit):
         bench.asked = float(rng.uniform(-1.0, 1.0))
         bench.silent = {"angles"} if rng.random() < 0.3 else set()
         for _ in range(int(rng.integers(1, 40))):
-            command = bench.tick().commands.speed
-            assert np.abs(command - last).max() <= limit * 0.01 * (1.0 + 1e-9)
+            output = bench.tick()
+            command = output.commands.speed
+            if output.state.fault is Fault.SENSOR_LATE:
+                assert not command.any()
+            else:
+                assert np.abs(command - last).max() <= limit * 0.01 * (1.0 + 1e-9)
             last = command
 
 
@@ -380,6 +596,268 @@ def test_settings_name_what_is_wrong():
         TractionSettings(policy="magic")
     with pytest.raises(ValueError, match="slip_cap"):
         TractionSettings(slip_cap=0.6)
+
+
+# Retuning. One story in which every setting matters to some policy; two controllers are compared tick by tick.
+BASE = {"wait_s": 0.3, "retries_max": 2, "v_creep_mps": 0.02, "free_distance_m": 0.2}
+ROWS = [
+    ("soil_flow", "v_creep_mps", 0.1),
+    ("soil_flow", "slip_cap", 0.15),
+    ("slip_limit", "slip_limit", 0.1),
+    ("angle_threshold", "angle_threshold_rad", 0.3),
+    ("soil_flow", "acceleration_limit_radps2", 0.7),
+    ("soil_flow", "stall_rim_travel_m", 0.03),
+    ("soil_flow", "stall_progress_m", 0.002),
+    ("soil_flow", "wait_s", 0.1),
+    ("soil_flow", "retries_max", 0),
+    ("soil_flow", "free_distance_m", 0.02),
+    ("soil_flow", "sensor_timeout_s", 1.0),
+    ("soil_flow", "odometry_timeout_s", 1.0),
+    ("soil_flow", "encoder_timeout_s", 1.0),
+    ("soil_flow", "command_timeout_s", 2.0),
+    ("soil_flow", "soil_state_timeout_s", 1.0),
+    ("soil_flow", "sensor_hold_s", 0.1),
+    ("soil_flow", "blind_wheels_max", 1),
+]
+TUNABLE = [item.name for item in fields(TractionSettings) if item.metadata.get("tunable")]
+
+
+def story(bench):
+    """Everything that can happen to a rover, in 8 s; what was sent on every tick."""
+
+    def part(seconds, **changes):
+        for name, value in changes.items():
+            setattr(bench, name, value)
+        sent.extend(bench.tick() for _ in range(round(seconds * 100)))
+
+    sent = []
+    part(0.2, speed=0.2, asked=0.5, slip_max=0.45)
+    part(1.0, theta_1=np.deg2rad(60.0) * ONES)
+    for late, seconds in (("angles", 0.2), ("odometry", 0.3), ("wheels", 0.2), ("request", 0.7), ("soil", 0.3)):
+        part(seconds, silent={late})
+        part(0.1, silent=set())
+    part(0.7, status=np.array([int(ContactStatus.FAULT_OPEN_A), 0, 0, 0, 0, 0]))
+    part(0.1, status=np.zeros(6, dtype=np.int64))
+    for _ in range(3):
+        part(0.3, speed=0.03, omega=2.0 * ONES)  # progress, if little counts as such
+        part(0.3, speed=0.0, omega=2.0 * ONES)  # a stall
+        part(1.0, speed=0.0, omega=0.0 * ONES)  # a wait, or HALT
+        part(0.4, speed=0.25, omega=1.0 * ONES)  # free, if that is far enough
+    return sent
+
+
+def same(one, other):
+    for a, b in zip(one, other, strict=True):
+        if a.commands.speed.tobytes() != b.commands.speed.tobytes() or a.is_turn != b.is_turn:
+            return False
+        for name in type(a.state).__slots__:
+            if np.asarray(getattr(a.state, name)).tobytes() != np.asarray(getattr(b.state, name)).tobytes():
+                return False
+    return True
+
+
+def test_every_tunable_setting_has_a_row_and_nothing_else_is_tunable():
+    assert [name for _, name, _ in ROWS] == TUNABLE
+    assert {item.name for item in fields(TractionSettings)} - set(TUNABLE) == {"policy"}
+
+
+@pytest.mark.parametrize(("policy", "name", "value"), ROWS)
+def test_a_tuned_controller_drives_as_one_built_so(policy, name, value):
+    old = Bench(policy=policy, **BASE)
+    built = Bench(policy=policy, **(BASE | {name: value}))
+    tuned = Bench(policy=policy, **BASE)
+    for bench in (old, built, tuned):
+        bench.silent = {"request"}
+        bench.run(0.1)  # standing, all well: nothing that depends on a setting
+        bench.silent = set()
+    tuned.controller.retune(TractionSettings(policy=policy, **(BASE | {name: value})))
+    told = story(built)
+    assert same(story(tuned), told)
+    assert not same(story(old), told)
+
+
+@st.composite
+def tunings(draw):
+    number = lambda low, high: st.floats(low, high, allow_subnormal=False)  # noqa: E731
+    ranges = {
+        "v_creep_mps": number(0.0, 0.1),
+        "slip_cap": number(0.05, 0.45),
+        "slip_limit": number(0.05, 0.9),
+        "angle_threshold_rad": number(0.0, 1.6),
+        "acceleration_limit_radps2": st.sampled_from([0.0, 0.5, 2.0, 20.0]),
+        "stall_rim_travel_m": number(0.01, 0.2),
+        "stall_progress_m": number(0.001, 0.05),
+        "wait_s": number(0.0, 0.5),
+        "retries_max": st.integers(0, 3),
+        "free_distance_m": number(0.0, 0.3),
+        "sensor_timeout_s": number(0.02, 0.5),
+        "odometry_timeout_s": number(0.02, 0.5),
+        "encoder_timeout_s": number(0.02, 0.5),
+        "command_timeout_s": number(0.02, 0.5),
+        "soil_state_timeout_s": number(0.02, 0.5),
+        "sensor_hold_s": number(0.0, 0.5),
+        "blind_wheels_max": st.integers(0, 6),
+    }
+    assert list(ranges) == TUNABLE
+    return draw(st.fixed_dictionaries(ranges))
+
+
+PARTS = st.lists(
+    st.fixed_dictionaries(
+        {
+            "ticks": st.integers(1, 40),
+            "asked": st.sampled_from([0.0, 0.3, 0.5, -0.4]),
+            "speed": st.sampled_from([0.0, 0.05, 0.2, 0.5, -0.3]),
+            "omega": st.sampled_from([0.0, 1.0, 2.0, -1.5]),
+            "theta_1": st.sampled_from([0.1, 0.5, 0.9, 1.2]),
+            "status": st.sampled_from([int(code) for code in ContactStatus]),
+            "slip_max": st.sampled_from([None, 0.05, 0.45]),
+            "silent": st.sets(st.sampled_from(["angles", "odometry", "wheels", "request", "soil"]), max_size=2),
+            "held": st.sampled_from([False, False, False, True]),
+        }
+    ),
+    min_size=1,
+    max_size=8,
+)
+
+
+def played(bench, parts):
+    """What a controller sends while it is told this."""
+    sent = []
+    for part in parts:
+        bench.asked, bench.speed, bench.omega = part["asked"], part["speed"], part["omega"] * ONES
+        bench.theta_1, bench.status = part["theta_1"] * ONES, np.array([part["status"], 0, 0, 0, 0, 0])
+        bench.slip_max, bench.silent = part["slip_max"], part["silent"]
+        bench.controller.hold(part["held"])
+        sent += [bench.tick() for _ in range(part["ticks"])]
+    return sent
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(POLICIES), tunings(), tunings(), PARTS, PARTS)
+def test_a_controller_tuned_while_driving_goes_on_as_one_built_so(policy, first, second, before, after):
+    tuned, built = Bench(policy=policy, **first), Bench(policy=policy, **second)
+    played(tuned, before)
+    played(built, before)
+    tuned.controller.retune(TractionSettings(policy=policy, **second))
+    for bench in (tuned, built):  # what happened before depends on the settings of then: let it be over
+        bench.controller.reset()
+        bench.silent = {"angles", "odometry", "wheels", "request", "soil"}
+        bench.run(0.6)
+    assert same(played(tuned, after), played(built, after))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.sampled_from(POLICIES), tunings(), tunings(), PARTS, PARTS)
+def test_tuning_there_and_back_between_two_ticks_is_as_nothing(policy, tuning, other, before, after):
+    there, same_as_ever = Bench(policy=policy, **tuning), Bench(policy=policy, **tuning)
+    played(there, before)
+    played(same_as_ever, before)
+    there.controller.retune(TractionSettings(policy=policy, **other))
+    there.controller.retune(TractionSettings(policy=policy, **tuning))
+    assert same(played(there, after), played(same_as_ever, after))
+
+
+def test_a_running_controller_keeps_its_policy():
+    bench = driving()
+    with pytest.raises(ValueError, match="policy 'constant': a running controller keeps 'soil_flow'; start it anew"):
+        bench.controller.retune(TractionSettings(policy="constant", slip_cap=0.1))
+    assert bench.run(0.1).commands.speed == pytest.approx(2.0 * ONES)
+
+
+# The host's clock. `Bench.now_ns` is what the host shows; steps are of any size and sign.
+STEP_NS = st.one_of(
+    st.integers(-3_600_000, 3_600_000), st.integers(-1_000, 1_000), st.sampled_from([-3_600_000, 3_600_000])
+).map(lambda ms: ms * MS)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.sampled_from(["soil_flow", "constant"]),
+    st.lists(st.tuples(STEP_NS, st.integers(0, 60)), min_size=1, max_size=4),
+    st.sampled_from([row[0] for row in LATE]),
+)
+def test_a_clock_that_is_set_is_safe_meanwhile_and_over_in_a_second(policy, steps, silent):
+    bench = driving(policy)
+    for step_ns, ticks in steps:
+        bench.now_ns += step_ns
+        for _ in range(ticks):
+            bench.tick()
+    bench.run(0.6)  # the longest time-out, within which a step may go unnoticed and order is kept
+    assert bench.tick().state.fault is Fault.NONE
+    assert bench.run(1.4).commands.speed == pytest.approx(2.0 * ONES)
+    if silent == "soil" and policy == "constant":
+        return
+    bench.now_ns += steps[0][0]  # and now something falls silent in the moment in which the clock is set
+    bench.silent = {silent}
+    timeout_s = {row[0]: row[1] for row in LATE}[silent]
+    stopped = bench.run(2.0 * timeout_s + 0.02)
+    ramp = bench.run(1.0) if silent == "request" else stopped
+    assert not ramp.commands.speed.any()
+    assert stopped.state.fault is not Fault.NONE
+
+
+@pytest.mark.parametrize("step_ns", [-3_600_000 * MS, 3_600_000 * MS])
+@pytest.mark.parametrize("records_first", [True, False])
+def test_an_hour_back_or_ahead_stops_the_wheels_for_one_tick(step_ns, records_first):
+    bench = driving()
+    bench.now_ns += step_ns
+    if not records_first:
+        bench.silent = {"angles", "odometry", "wheels", "request", "soil"}
+    stopped = bench.tick()
+    assert stopped.state.fault is Fault.SENSOR_LATE
+    assert not stopped.commands.speed.any()
+    bench.silent = set()
+    after = bench.tick()
+    assert after.state.fault is Fault.NONE
+    assert after.commands.speed == pytest.approx(0.02 * ONES)
+
+
+@pytest.mark.parametrize(("dead", "_timeout_s", "fault"), LATE)
+def test_what_died_when_the_clock_was_set_back_is_not_alive_when_it_comes_by_again(dead, _timeout_s, fault):
+    bench = driving()
+    died_ns = bench.now_ns
+    bench.silent = {dead}
+    bench.now_ns -= 3_600_000 * MS
+    assert bench.run(1.0).state.fault is fault
+    bench.now_ns = died_ns - 20 * MS  # an hour later
+    for _ in range(5):
+        assert not bench.tick().commands.speed.any()
+    assert bench.tick().state.fault is fault
+
+
+def test_nor_is_a_strap_that_failed_then():
+    bench = driving()
+    failed_ns = bench.now_ns
+    read_as(bench, ContactStatus.FAULT_OPEN_A)
+    bench.now_ns -= 3_600_000 * MS
+    assert bench.run(1.0).state.fault is Fault.SENSOR_FAULT
+    bench.now_ns = failed_ns - 20 * MS
+    for _ in range(5):
+        assert not bench.tick().commands.speed.any()
+
+
+@pytest.mark.parametrize("step_ns", [-3_600_000 * MS, 3_600_000 * MS])
+def test_a_wait_is_as_long_as_ever_when_the_clock_is_set(step_ns):
+    bench = Bench(policy="slip_limit")
+    bench.omega = 2.0 * ONES
+    bench.run(0.5)
+    bench.omega = np.zeros(6)
+    assert bench.run(4.0).state.state is TractionMode.WAIT
+    bench.now_ns += step_ns
+    assert bench.run(3.0).state.state is TractionMode.WAIT
+    assert bench.run(1.5).state.state is TractionMode.RETRY
+
+
+def test_a_request_of_a_clock_ahead_is_named_in_health():
+    bench = Bench(policy="constant")
+    bench.silent = {"request"}
+    bench.run(0.1)
+    bench.silent, bench.lead_ns = set(), {"request": 2_000 * MS}
+    output = bench.run(0.1)
+    assert output.state.state is TractionMode.STANDBY
+    (told,) = bench.controller.health().complaints
+    assert told.startswith("cmd_vel is stamped 2.0 s ahead")
 
 
 class Sand:
