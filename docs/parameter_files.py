@@ -1,4 +1,7 @@
-"""Write config/*.yaml from the parameter classes: every parameter at its default, with its meaning and range."""
+"""Write config/*.yaml from the parameter classes: every parameter at its default, with its meaning and range.
+
+Those that a running node takes (`ros2 param set`) are marked (tunable); others need a restart.
+"""
 
 from dataclasses import MISSING, fields
 from pathlib import Path
@@ -24,7 +27,9 @@ def parameter_file(node: str, parameters: type[Any]) -> str:
     lines.append("  ros__parameters:")
     for item in fields(parameters):
         assert item.default is not MISSING
-        lines += [f"    # {item.metadata['doc']}{_range(item.metadata)}", f"    {item.name}: {_yaml(item.default)}"]
+        tunable = " (tunable)" if item.metadata.get("tunable", False) else ""
+        comment = f"{item.metadata['doc']}{_range(item.metadata)}{tunable}"
+        lines += [f"    # {comment}", f"    {item.name}: {_yaml(item.default)}"]
     return "\n".join(lines) + "\n"
 
 

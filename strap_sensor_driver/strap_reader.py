@@ -10,13 +10,13 @@ import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from strap_rover.settings import check_settings
-from strap_rover.telemetry import WheelStates
+from strap_rover.telemetry import WheelStates, is_in_order
 from strap_sensor_driver.contact_zone import (
     FIRST_FAULT,
     ContactAngles,
@@ -25,7 +25,7 @@ from strap_sensor_driver.contact_zone import (
     ZoneLimits,
     locate,
 )
-from strap_sensor_driver.device_clock import DeviceClock, scan_duration_us, transfer_time_us
+from strap_sensor_driver.device_clock import HOST_BACK_NS, DeviceClock, scan_duration_us, transfer_time_us
 from strap_sensor_driver.frames import (
     DATA_WIRE_BYTES,
     REQUEST_HELLO,
@@ -51,6 +51,12 @@ _PENDING_FRAMES = 4096
 _ENCODER_SAMPLES = 64
 _BROKEN_WATCH_NS = 200_000_000
 """After a gap this long nobody can say what an end did while the wheel turned."""
+_ENCODER_LEAD_S = 0.5
+"""An encoder sample farther ahead of the last tick than this is of another clock, ticks being that close together."""
+_ENCODER_AHEAD_NS = 50_000_000
+"""At a tick no sample is of the future; farther ahead of it the clock has stepped back."""
+_LONGEST_TICK_NS = 1_000_000_000
+"""What ages between two ticks ages by this at most: more is a step of the host clock."""
 
 _VALID = int(ContactStatus.VALID)
 _PREDICTED = int(ContactStatus.PREDICTED)
@@ -74,9 +80,10 @@ _NEEDS_ROTATION = frozenset(
 """Faults that a few good scans do not disprove: a floating input looks valid for a part of every turn."""
 
 
-def _row(doc: str, low: float | None = None, high: float | None = None) -> dict[str, Any]:
+def _row(doc: str, low: float | None = None, high: float | None = None, *, tunable: bool = False) -> dict[str, Any]:
     bounds = {"min": low, "max": high}
-    return {"doc": doc} | {name: bound for name, bound in bounds.items() if bound is not None}
+    row = {"doc": doc} | {name: bound for name, bound in bounds.items() if bound is not None}
+    return row | {"tunable": True} if tunable else row
 
 
 _R_STR = strap_resistance_ohm(0.25)
@@ -100,41 +107,53 @@ class StrapReaderSettings:
     rate_hz: float = field(default=200.0, metadata=_row("scans per second of a board", 1.0, 400.0))
     osr: int = field(default=4, metadata=_row("samples summed per input and scan", 1, 64))
     baud: int = field(default=115_200, metadata=_row("serial speed", 9600, 2_000_000))
-    noise_lsb: float = field(default=0.5, metadata=_row("1-sigma noise of one sample in converter steps", 0.0, 50.0))
+    noise_lsb: float = field(
+        default=0.5, metadata=_row("1-sigma noise of one sample in converter steps", 0.0, 50.0, tunable=True)
+    )
     resistance_std_ratio: float = field(
-        default=0.0, metadata=_row("1-sigma of R_str left after calibration, relative", 0.0, 0.5)
+        default=0.0, metadata=_row("1-sigma of R_str left after calibration, relative", 0.0, 0.5, tunable=True)
     )
     angle_floor_std_rad: float = field(
-        default=0.0035, metadata=_row("1-sigma of what no volt shows: encoder, strap edges", 0.0, 1.0)
+        default=0.0035, metadata=_row("1-sigma of what no volt shows: encoder, strap edges", 0.0, 1.0, tunable=True)
     )
     contact_level: float = field(
-        default=0.1, metadata=_row("fraction of supply below which an end is open", 0.001, 0.5)
+        default=0.1, metadata=_row("fraction of supply below which an end is open", 0.001, 0.5, tunable=True)
     )
     seam_level: float = field(
-        default=0.98, metadata=_row("fraction of supply above which an end is shorted", 0.5, 0.999)
+        default=0.98, metadata=_row("fraction of supply above which an end is shorted", 0.5, 0.999, tunable=True)
     )
     range_margin: float = field(
-        default=0.1, metadata=_row("how far below the lowest possible volts a reading may be, relative", 0.0, 0.5)
+        default=0.1,
+        metadata=_row("how far below the lowest possible volts a reading may be, relative", 0.0, 0.5, tunable=True),
     )
-    order_margin_rad: float = field(default=0.2, metadata=_row("beta_1 - beta_2 that still is a contact", 0.0, 1.0))
-    width_max_rad: float = field(default=math.pi, metadata=_row("widest zone that is believed", 0.1, 6.0))
+    order_margin_rad: float = field(
+        default=0.2, metadata=_row("beta_1 - beta_2 that still is a contact", 0.0, 1.0, tunable=True)
+    )
+    width_max_rad: float = field(default=math.pi, metadata=_row("widest zone that is believed", 0.1, 6.0, tunable=True))
     seam_rotation_max_rad: float = field(
-        default=3.5, metadata=_row("wheel rotation in the seam after which it is a short; above width_max", 0.1, 6.0)
+        default=3.5,
+        metadata=_row("wheel rotation in the seam after which it is a short; above width_max", 0.1, 6.0, tunable=True),
     )
     stuck_rotation_rad: float = field(
-        default=0.35, metadata=_row("wheel rotation an end may stay unchanged, or copy its neighbour", 0.05, 6.0)
+        default=0.35,
+        metadata=_row("wheel rotation an end may stay unchanged, or copy its neighbour", 0.05, 6.0, tunable=True),
     )
-    stuck_band_v: float = field(default=0.02, metadata=_row("change of volts that counts as unchanged", 0.0, 1.0))
-    fault_scans: int = field(default=3, metadata=_row("bad scans in a row that make a fault", 1, 1000))
-    recovery_scans: int = field(default=5, metadata=_row("good scans in a row that end a fault", 1, 1000))
+    stuck_band_v: float = field(
+        default=0.02, metadata=_row("change of volts that counts as unchanged", 0.0, 1.0, tunable=True)
+    )
+    fault_scans: int = field(default=3, metadata=_row("bad scans in a row that make a fault", 1, 1000, tunable=True))
+    recovery_scans: int = field(default=5, metadata=_row("good scans in a row that end a fault", 1, 1000, tunable=True))
     recovery_rotation_rad: float = field(
-        default=0.5, metadata=_row("good wheel rotation that ends a fault which shows in motion only", 0.0, 6.0)
+        default=0.5,
+        metadata=_row("good wheel rotation that ends a fault which shows in motion only", 0.0, 6.0, tunable=True),
     )
     predicted_std_per_rad: float = field(
-        default=0.15, metadata=_row("growth of the held zone's 1-sigma per rad of wheel rotation", 0.0, 10.0)
+        default=0.15,
+        metadata=_row("growth of the held zone's 1-sigma per rad of wheel rotation", 0.0, 10.0, tunable=True),
     )
     fault_std_per_s: float = field(
-        default=0.1, metadata=_row("further growth of the held zone's 1-sigma per second in a fault", 0.0, 10.0)
+        default=0.1,
+        metadata=_row("further growth of the held zone's 1-sigma per second in a fault", 0.0, 10.0, tunable=True),
     )
     encoder_extrapolation_s: float = field(
         default=0.03, metadata=_row("farthest that the encoder is carried on with its speed", 0.0, 0.5)
@@ -142,9 +161,13 @@ class StrapReaderSettings:
     reversing_travel_rad: float = field(
         default=0.02, metadata=_row("wheel rotation after which a new direction of travel is believed", 0.0, 1.0)
     )
-    silent_s: float = field(default=0.2, metadata=_row("time without a scan after which a board is silent", 0.01, 10.0))
-    hello_period_s: float = field(default=0.5, metadata=_row("how often a board is asked to say hello", 0.05, 60.0))
-    clock_window_s: float = field(default=1.0, metadata=_row("window of the device clock's lower envelope", 0.05, 60.0))
+    silent_s: float = field(
+        default=0.1, metadata=_row("time without a scan after which a board is silent", 0.01, 10.0, tunable=True)
+    )
+    hello_period_s: float = field(
+        default=0.5, metadata=_row("how often a board is asked to say hello", 0.05, 60.0, tunable=True)
+    )
+    clock_window_s: float = field(default=10.0, metadata=_row("window of the line that is the device clock", 3.0, 60.0))
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -156,6 +179,7 @@ class StrapReaderSettings:
             )
         if not transfer_time_us(self.baud, DATA_WIRE_BYTES) < period_us:
             raise ValueError(f"StrapReaderSettings.baud = {self.baud}: too slow for {self.rate_hz} Hz; raise it")
+        self.zone_limits(self.strap())
 
     def strap(self) -> Strap:
         """The strap these settings describe, for wheels without a calibration of their own."""
@@ -237,6 +261,10 @@ class BoardHealth:
     mismatched_hellos: int
     """HELLOs whose osr or period differ from the settings."""
     last_frame_ns: int | None
+    clock_ppm: float | None
+    """How much faster than the host's the board's clock runs [1e-6]; None until it is known."""
+    frame_delay_ms: float
+    """How late frames come now: receipt less the least time that scan and transfer take, mean of the last few [ms]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,6 +291,8 @@ class ReaderHealth:
 
 class _Scan(NamedTuple):
     middle_ns: int
+    is_in_doubt: bool
+    """The clock may be off: where the wheel was at the middle is not known."""
     sums: tuple[int, ...]
     volts_per_count: float
     osr: int
@@ -271,24 +301,40 @@ class _Scan(NamedTuple):
 class _Encoder:
     """The last encoder samples of all wheels, and the position between them."""
 
-    __slots__ = ("_angles", "_reach_ns", "_speeds", "_stamps", "_wheels", "rejected")
+    __slots__ = ("_angles", "_last", "_reach_ns", "_speeds", "_stamps", "_wheels", "rejected")
 
     def __init__(self, wheels: int, reach_ns: int) -> None:
         self._wheels = wheels
         self._reach_ns = reach_ns
+        self.rejected = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """As if none had come; the count stays."""
+        self._last: WheelStates | None = None
         self._stamps: list[int] = []
         self._angles: list[list[float]] = []
         self._speeds: list[list[float]] = []
-        self.rejected = 0
 
-    def add(self, states: WheelStates) -> None:
+    def follow_clock(self, now_ns: int) -> None:
+        """Forget what was stamped before the clock stepped back: it does not compare with what comes."""
+        if self._last is not None and self._last.stamp_ns > now_ns + _ENCODER_AHEAD_NS:
+            self.forget()
+
+    def add(self, states: WheelStates, last_tick_ns: int | None = None) -> None:
+        """One more sample, if it is in order of time and one finite value per wheel."""
         shape = (self._wheels,)
         angles = states.angle.tolist() if states.angle.shape == shape else []
         speeds = states.speed.tolist() if states.speed.shape == shape else []
-        late = bool(self._stamps) and states.stamp_ns <= self._stamps[-1]
-        if late or not angles or not speeds or not math.isfinite(sum(angles) + sum(speeds)):
+        last = self._last
+        in_order = is_in_order(states, last, last_tick_ns, _ENCODER_LEAD_S)
+        is_new = last is None or states.stamp_ns != last.stamp_ns
+        if not (in_order and is_new and angles and speeds and math.isfinite(sum(angles) + sum(speeds))):
             self.rejected += 1
             return
+        if last is not None and states.stamp_ns < last.stamp_ns:  # the clock has stepped back
+            self.forget()
+        self._last = states
         self._stamps.append(states.stamp_ns)
         self._angles.append(angles)
         self._speeds.append(speeds)
@@ -355,6 +401,7 @@ class _Wheel:
         "scan_status",
         "seam_encoder",
         "settings",
+        "strap",
         "sum_a_v",
         "sum_b_v",
         "sum_front",
@@ -367,11 +414,22 @@ class _Wheel:
     )
 
     def __init__(self, binding: WheelBinding, settings: StrapReaderSettings) -> None:
-        self.settings = settings
-        self.limits = settings.zone_limits(binding.strap)
+        self.strap = binding.strap
+        self.tune(settings, settings.zone_limits(binding.strap))
         self.index_a = 2 * binding.channel
         self.offset_rad = binding.mounting.offset_rad - THREE_QUARTER_TURN_RAD
         self.direction = float(binding.mounting.direction)
+        self.faults = 0
+        self.counts: dict[int, int] = {}
+        self.forget()
+
+    def tune(self, settings: StrapReaderSettings, limits: ZoneLimits) -> None:
+        """Judge by these from here on."""
+        self.settings = settings
+        self.limits = limits
+
+    def forget(self) -> None:
+        """Zone, doubts and direction of travel as at the start; the counts stay."""
         self.front = self.rear = 0.0
         self.front_std = self.rear_std = math.pi
         self.zone_encoder = self.encoder = 0.0
@@ -379,7 +437,6 @@ class _Wheel:
         self.reversing = False
         self.farthest_encoder: float | None = None  # in the direction believed
         self.fault = 0
-        self.faults = 0
         self.bad_scans = self.good_scans = 0
         self.good_encoder = 0.0
         self.anchor_a_v = self.anchor_b_v = -math.inf
@@ -387,7 +444,6 @@ class _Wheel:
         self.seam_encoder: float | None = None
         self.scan_ns = -(1 << 62)  # nobody watched before the first scan, also where time starts at 0
         self.last_status = self.scan_status = _NO_DATA
-        self.counts: dict[int, int] = {}
         self.v_a = self.v_b = 0.0
         self.start_tick()
 
@@ -415,7 +471,7 @@ class _Wheel:
         self.sum_a_v += v_a
         self.sum_b_v += v_b
         found, beta_1, beta_2 = locate(v_a, v_b, self.limits)
-        if encoder is None or scan.middle_ns - self.scan_ns > _BROKEN_WATCH_NS:
+        if encoder is None or not 0 < scan.middle_ns - self.scan_ns <= _BROKEN_WATCH_NS:
             self._forget_motion(0.0 if encoder is None else encoder)
         self.scan_ns = scan.middle_ns
         if encoder is None:
@@ -529,8 +585,11 @@ class _Wheel:
             stds.append(math.sqrt(slope * slope * variance_v + scale * scale + floor))
         self.rear_std, self.front_std = stds if self.direction > 0.0 else stds[::-1]
 
-    def answer(self, status: int, now_ns: int) -> tuple[float, float, float, float, int]:
-        """(theta_1, theta_2, theta_1_std, theta_2_std, status) for the record; the leading end is the entry."""
+    def answer(self, status: int, age_ns: int) -> tuple[float, float, float, float, int]:
+        """(theta_1, theta_2, theta_1_std, theta_2_std, status) for the record; the leading end is the entry.
+
+        `age_ns` is the reader's own time, which no step of the host clock moves.
+        """
         self.last_status = status
         front, rear, front_std, rear_std = self.front, self.rear, self.front_std, self.rear_std
         if status == _VALID:
@@ -544,8 +603,8 @@ class _Wheel:
             extra = grown * grown
             if status >= FIRST_FAULT:
                 if self.held_since_ns is None:
-                    self.held_since_ns = now_ns
-                aged = self.settings.fault_std_per_s * 1e-9 * (now_ns - self.held_since_ns)
+                    self.held_since_ns = age_ns
+                aged = self.settings.fault_std_per_s * 1e-9 * (age_ns - self.held_since_ns)
                 extra += aged * aged
             front_std = min(math.sqrt(front_std * front_std + extra), math.pi)
             rear_std = min(math.sqrt(rear_std * rear_std + extra), math.pi)
@@ -620,11 +679,18 @@ class _Board:
                 self.refused = event
                 self.hello = None
 
-    def reset(self) -> None:
+    def reopen(self) -> None:
         self.decoder.reset()
-        self.clock.reset()
+        self.clock.forget()
         self.hello = None
         self.refused = None
+
+    def forget(self) -> None:
+        """All but the counts, and the frames that are still to be handed on as they came."""
+        self.reopen()
+        self.last_frame_ns = None
+        self.last_request_ns = None
+        self.scans.clear()
 
     def _take_scan(self, frame: DataFrame, host_ns: int) -> None:
         middle_ns = self.clock.scan_middle_ns(frame.t_us, host_ns, scan_duration_us(frame.osr), self.transfer_us)
@@ -636,7 +702,7 @@ class _Board:
         self.scans_taken += 1
         self.flagged_scans += frame.flags != 0
         volts_per_count = 1e-3 * hello.vref_mv / (frame.osr * ((1 << hello.adc_bits) - 1))
-        self.scans.append(_Scan(middle_ns, frame.sums, volts_per_count, frame.osr))
+        self.scans.append(_Scan(middle_ns, self.clock.is_in_doubt, frame.sums, volts_per_count, frame.osr))
 
     def _take_hello(self, hello: HelloFrame) -> None:
         self.hello = hello
@@ -657,6 +723,8 @@ class _Board:
             clock_resets=self.clock.resets,
             mismatched_hellos=self.mismatched_hellos,
             last_frame_ns=self.last_frame_ns,
+            clock_ppm=self.clock.rate_ppm,
+            frame_delay_ms=1e-6 * self.clock.delay_ns,
         )
 
 
@@ -684,10 +752,40 @@ class StrapReader:
         for board, binding, wheel in zip(self._board_of_wheel, bindings, self._wheels, strict=True):
             board.wheels.append((binding.wheel, wheel))
         self._encoder = _Encoder(len(bindings), round(1e9 * settings.encoder_extrapolation_s))
-        self._silent_ns = round(1e9 * settings.silent_s)
-        self._hello_period_ns = round(1e9 * settings.hello_period_s)
+        self._settings = settings
         self._start_ns: int | None = None
+        self._last_tick_ns: int | None = None
         self._last_stamp_ns: int | None = None
+        self._age_ns = 0
+
+    def reset(self) -> None:
+        """Forget all that was learnt, as if newly made: clocks, hellos, zones, faults. Counts stay, stamps go on."""
+        for board in self._boards:
+            board.forget()
+        for wheel in self._wheels:
+            wheel.forget()
+        self._encoder.forget()
+        self._start_ns = None
+
+    def retune(self, settings: StrapReaderSettings) -> None:
+        """Go by `settings` from here on, as if built with them.
+
+        ValueError, and nothing changes, when one differs that is not marked tunable, or when they do not fit a strap.
+        """
+        rows = [
+            row
+            for row in fields(StrapReaderSettings)
+            if getattr(settings, row.name) != getattr(self._settings, row.name)
+        ]
+        fixed = [row.name for row in rows if not row.metadata.get("tunable", False)]
+        if fixed:
+            raise ValueError(f"{', '.join(fixed)}: cannot change while the driver runs; restart it with the new value")
+        limits = [settings.zone_limits(wheel.strap) for wheel in self._wheels]
+        self._settings = settings
+        for board in self._boards:
+            board.settings = settings
+        for wheel, wheel_limits in zip(self._wheels, limits, strict=True):
+            wheel.tune(settings, wheel_limits)
 
     def feed_bytes(self, board_index: int, data: bytes, host_ns: int) -> None:
         """Bytes of board `board_ids[board_index]`, received at `host_ns`; in any portions, never raises for content."""
@@ -695,11 +793,11 @@ class StrapReader:
 
     def reopen_board(self, board_index: int) -> None:
         """The link to a board was opened anew: no sequence, clock or hello is carried over."""
-        self._boards[board_index].reset()
+        self._boards[board_index].reopen()
 
     def feed_wheel_states(self, states: WheelStates) -> None:
         """An encoder sample; out of order, of the wrong size or not finite: counted and left out."""
-        self._encoder.add(states)
+        self._encoder.add(states, self._last_tick_ns)
         latest = self._encoder.latest()
         if latest is None:
             return
@@ -707,12 +805,13 @@ class StrapReader:
             wheel.follow(position)
 
     def tick(self, now_ns: int) -> StrapReading:
-        """Everything since the last tick. The record's stamp is the mean middle of the tick's scans, ever increasing.
+        """Everything since the last tick. The record's stamp is the mean middle of the tick's scans, never after now.
+
+        Stamps increase, unless the host clock stepped back by more than a second.
 
         Without a new scan there is no record, except while a board is silent: then NO_DATA is said at each tick.
         """
-        if self._start_ns is None:
-            self._start_ns = now_ns
+        self._follow_clock(now_ns)
         requests: list[HelloRequest] = []
         raw: list[RawFrame] = []
         sum_ns = 0
@@ -723,7 +822,7 @@ class StrapReader:
             raw += [RawFrame(host_ns, payload, index) for host_ns, payload in board.raw]
             board.raw.clear()
             for scan in board.scans:
-                position = self._encoder.at(scan.middle_ns)
+                position = None if scan.is_in_doubt else self._encoder.at(scan.middle_ns)
                 for number, wheel in board.wheels:
                     wheel.take(scan, None if position is None else position[number])
                 sum_ns += scan.middle_ns - now_ns
@@ -731,11 +830,12 @@ class StrapReader:
         silent = [self._silence(board, now_ns) for board in self._boards]
         if not n_scans and not any(silent):
             return StrapReading(raw, None, None, requests)
-        stamp_ns = now_ns + (sum_ns // n_scans if n_scans else 0)
-        if self._last_stamp_ns is not None and stamp_ns <= self._last_stamp_ns:
-            stamp_ns = self._last_stamp_ns + 1
+        stamp_ns = now_ns + min(sum_ns // n_scans if n_scans else 0, 0)
+        last_ns = self._last_stamp_ns
+        if last_ns is not None and stamp_ns <= last_ns <= now_ns + HOST_BACK_NS:
+            stamp_ns = last_ns + 1
         self._last_stamp_ns = stamp_ns
-        angles = self._angles(stamp_ns, now_ns, dict(zip(self.board_ids, silent, strict=True)))
+        angles = self._angles(stamp_ns, dict(zip(self.board_ids, silent, strict=True)))
         voltages = self._voltages(stamp_ns) if n_scans else None
         for wheel in self._wheels:
             wheel.start_tick()
@@ -751,10 +851,25 @@ class StrapReader:
             wheel_states_rejected=self._encoder.rejected,
         )
 
+    def _follow_clock(self, now_ns: int) -> None:
+        """What is in the future belongs to a clock that has stepped back since: it counts from now on."""
+        last_ns = self._last_tick_ns
+        if last_ns is not None:
+            self._age_ns += min(max(now_ns - last_ns, 0), _LONGEST_TICK_NS)
+        self._last_tick_ns = now_ns
+        self._encoder.follow_clock(now_ns)
+        self._start_ns = now_ns if self._start_ns is None else min(self._start_ns, now_ns)
+        for board in self._boards:
+            if board.last_frame_ns is not None:
+                board.last_frame_ns = min(board.last_frame_ns, now_ns)
+
     def _must_ask(self, board: _Board, now_ns: int) -> bool:
         if board.hello is not None or board.refused is not None:
             return False
-        if board.last_request_ns is not None and 0 <= now_ns - board.last_request_ns < self._hello_period_ns:
+        if (
+            board.last_request_ns is not None
+            and 0 <= now_ns - board.last_request_ns < 1e9 * self._settings.hello_period_s
+        ):
             return False
         board.last_request_ns = now_ns
         return True
@@ -766,9 +881,9 @@ class StrapReader:
         if board.scans:
             return 0
         since_ns = self._start_ns if board.last_frame_ns is None else board.last_frame_ns
-        return _NO_DATA if since_ns is not None and now_ns - since_ns > self._silent_ns else 0
+        return _NO_DATA if since_ns is not None and now_ns - since_ns > 1e9 * self._settings.silent_s else 0
 
-    def _angles(self, stamp_ns: int, now_ns: int, silent: dict[int, int]) -> ContactAngles:
+    def _angles(self, stamp_ns: int, silent: dict[int, int]) -> ContactAngles:
         latest = self._encoder.latest()
         rows = []
         for number, (board, wheel) in enumerate(zip(self._board_of_wheel, self._wheels, strict=True)):
@@ -782,7 +897,7 @@ class StrapReader:
                 status = silent[board.board_id] or wheel.fault or carried
                 if latest is not None:
                     wheel.encoder = latest[0][number]
-            rows.append(wheel.answer(status, now_ns))
+            rows.append(wheel.answer(status, self._age_ns))
         table = np.array(rows, dtype=np.float64).T
         return ContactAngles(stamp_ns, table[0], table[1], table[2], table[3], table[4].astype(np.int64))
 

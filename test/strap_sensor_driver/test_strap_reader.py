@@ -1,7 +1,7 @@
 """The reader against wheels whose true zones are known: both mountings, both ways, and every way it can go wrong."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -46,6 +46,7 @@ class Rig:
         self.speed, self.zone, self.contact = speed, zone, True
         self.hello = hello
         self.now_ns = 0
+        self.shift_ns = 0  # of the host clock, which somebody sets
         self.position = 0.0
         self.damage = lambda _board, sums: sums
         self.mute = set()
@@ -72,13 +73,13 @@ class Rig:
                 device_us = scan_ns // 1000 - self.boot_us[index]
                 data = board.scan(device_us, [a[0] for a in arcs], [a[1] for a in arcs], [self.contact] * 3)
                 data = b"".join(self._tampered(index, event) for event in self.parsers[index].feed(data))
-                self.reader.feed_bytes(index, data, scan_ns + 1000 * board.latency_us())
+                self.reader.feed_bytes(index, data, scan_ns + 1000 * board.latency_us() + self.shift_ns)
         self.now_ns += TICK_NS
         self.position += self.speed * 1e-9 * TICK_NS
         if self.encoder_on:
             everyone = np.full(6, self.position), np.full(6, self.speed), np.zeros(6)
-            self.reader.feed_wheel_states(WheelStates(self.now_ns, *everyone))
-        reading = self.reader.tick(self.now_ns + 1_000_000)
+            self.reader.feed_wheel_states(WheelStates(self.now_ns + self.shift_ns, *everyone))
+        reading = self.reader.tick(self.now_ns + 1_000_000 + self.shift_ns)
         self.requests += reading.requests
         return reading
 
@@ -504,8 +505,8 @@ def test_a_silent_board_costs_its_own_wheels_only():
         assert set(_statuses(readings, wheel)) <= {ContactStatus.VALID, ContactStatus.PREDICTED}
     for wheel in range(3, 6):
         statuses = _statuses(readings, wheel)
-        assert set(statuses[:19]) == {ContactStatus.PREDICTED}
-        assert set(statuses[22:]) == {ContactStatus.NO_DATA}
+        assert set(statuses[:9]) == {ContactStatus.PREDICTED}
+        assert set(statuses[11:]) == {ContactStatus.NO_DATA}
     rig.mute = set()
     assert rig.until_valid() is not None
 
@@ -514,8 +515,8 @@ def test_without_any_board_no_data_is_said_at_each_tick():
     rig = Rig()
     rig.mute = {0, 1}
     readings = rig.run(60)
-    assert all(reading.angles is None for reading in readings[:20])
-    said = [reading.angles for reading in readings[22:]]
+    assert all(reading.angles is None for reading in readings[:10])
+    said = [reading.angles for reading in readings[12:]]
     assert all((angles.status == ContactStatus.NO_DATA).all() for angles in said)
     assert all((angles.theta_1_std == math.pi).all() for angles in said)
     assert all(reading.voltages is None for reading in readings)
@@ -612,6 +613,10 @@ def test_health_is_a_copy_and_counts_what_happened():
     assert after.boards[0].mismatched_hellos == 0
     assert sum(after.wheels[0].scans.values()) == 200
     assert [board.board_id for board in after.boards] == list(rig.reader.board_ids) == [3, 7]
+    assert all(board.clock_ppm is None for board in after.boards)
+    rig.run(150)
+    assert [board.clock_ppm for board in rig.reader.health().boards] == [0.0, 0.0]
+    assert [board.frame_delay_ms for board in rig.reader.health().boards] == [0.0, 0.0]
 
 
 def test_a_board_with_other_settings_is_noticed_and_still_right():
@@ -631,6 +636,289 @@ def test_frames_that_no_tick_takes_are_bounded_and_counted():
     reading = rig.reader.tick(rig.now_ns + 25_000_000_000)
     assert len(reading.raw) == 4096
     assert rig.reader.health().boards[0].dropped_frames == 5000 - 4096
+
+
+# --- the host clock is set -------------------------------------------------------------------------------------------
+
+HOUR_NS = 3_600_000_000_000
+STEPS_NS = [HOUR_NS, -HOUR_NS, 2_000_000_000, -2_000_000_000, 300_000_000, -300_000_000]
+
+
+@pytest.mark.parametrize("encoder_first", [True, False])
+@pytest.mark.parametrize("step_ns", STEPS_NS)
+def test_a_step_of_the_host_clock_is_over_within_a_second(step_ns, encoder_first):
+    rig = Rig(speed=1.0)
+    before = rig.run(300)[-1]
+    if encoder_first:  # the encoder's process sees the new time before the driver's tick does
+        everyone = np.full(6, rig.position), np.full(6, rig.speed), np.zeros(6)
+        rig.reader.feed_wheel_states(WheelStates(rig.now_ns + 1_000_000 + step_ns, *everyone))
+    rig.shift_ns = step_ns
+    rig.run(100)
+    rejected = rig.reader.health().wheel_states_rejected
+    readings = rig.run(400)
+    errors = _valid_errors_deg(rig, readings)
+    assert np.abs(errors).max() < 1.0
+    assert rig.reader.health().wheel_states_rejected == rejected <= 32
+    for wheel in range(6):
+        assert set(_statuses(readings, wheel)) <= {ContactStatus.VALID, ContactStatus.PREDICTED}
+    stamps = np.array([reading.angles.stamp_ns for reading in readings])
+    assert (np.diff(stamps) == TICK_NS).all()
+    assert stamps[0] - before.angles.stamp_ns == pytest.approx(101 * TICK_NS + step_ns, abs=2)
+    assert [wheel.faults for wheel in rig.reader.health().wheels] == [0] * 6
+    assert [board.clock_resets for board in rig.reader.health().boards] == [1, 1]
+
+
+@pytest.mark.parametrize("step_ns", STEPS_NS)
+def test_stamps_are_never_of_the_future_when_the_host_clock_is_set(step_ns):
+    rig = Rig()
+    rig.run(100)
+    rig.shift_ns = step_ns
+    for reading in rig.run(100):
+        if reading.angles is not None and step_ns != -300_000_000:  # which is waited for
+            assert reading.angles.stamp_ns <= rig.now_ns + 1_000_000 + step_ns
+
+
+@pytest.mark.parametrize("step_ms", [80, 100, 300, 450, -100, -300, -900, -2000, 2000])
+def test_no_angle_is_called_valid_that_a_step_of_the_clock_has_spoiled(step_ms):
+    rig = Rig(speed=2.0)
+    rig.run(300)
+    rig.shift_ns = 1_000_000 * step_ms
+    errors = _valid_errors_deg(rig, rig.run(400))
+    assert np.abs(errors).max() < 1.0
+
+
+@pytest.mark.parametrize("step_ns", STEPS_NS)
+def test_a_board_that_falls_silent_as_the_host_clock_is_set_is_noticed(step_ns):
+    rig = Rig()
+    rig.until_valid()
+    rig.mute = {0, 1}
+    rig.shift_ns = step_ns
+    readings = rig.run(60)
+    for wheel in range(6):
+        assert set(_statuses(readings[11:], wheel)) == {ContactStatus.NO_DATA}
+    assert len(_statuses(readings[11:], 0)) == 49
+
+
+@pytest.mark.parametrize("step_ns", STEPS_NS)
+def test_boards_that_never_spoke_are_missed_though_the_host_clock_was_set(step_ns):
+    rig = Rig()
+    rig.mute = {0, 1}
+    rig.run(3)
+    rig.shift_ns = step_ns
+    assert set(_statuses(rig.run(60)[12:], 0)) == {ContactStatus.NO_DATA}
+
+
+@pytest.mark.parametrize("step_ns", STEPS_NS)
+def test_a_held_zone_ages_by_the_time_that_passed_and_not_by_the_clock_s_step(step_ns):
+    rig = Rig()
+    rig.until_valid()
+    rig.speed = 0.0
+    before = rig.run(2)[-1].angles
+    rig.damage = _pinned(0, lambda _sums: 0)
+    rig.run(200)
+    rig.shift_ns = step_ns
+    angles = rig.run(100)[-1].angles
+    assert angles.status[0] == ContactStatus.FAULT_OPEN_A
+    held_s = 2.98 + (min(step_ns, 990_000_000) * 1e-9 if step_ns > 0 else -0.01)
+    assert angles.theta_1_std[0] == pytest.approx(math.hypot(0.1 * held_s, before.theta_1_std[0]), rel=0.01)
+
+
+@pytest.mark.parametrize("step_ns", STEPS_NS)
+def test_a_board_without_hello_is_asked_on_when_the_host_clock_was_set(step_ns):
+    rig = Rig(hello=False)
+    rig.run(70)
+    assert len(rig.requests) == 4
+    rig.shift_ns = step_ns
+    rig.run(60)
+    assert len(rig.requests) >= 6
+
+
+@pytest.mark.parametrize("step_ns", [-HOUR_NS, HOUR_NS])
+def test_what_an_end_did_while_the_clock_was_set_is_not_held_against_it(step_ns):
+    rig = Rig(speed=0.2)
+    rig.until_valid()
+    rig.shift_ns = step_ns
+    rig.position += 2.0 * math.pi
+    rig.run(150)
+    assert [wheel.faults for wheel in rig.reader.health().wheels] == [0] * 6
+
+
+def test_old_encoder_samples_and_those_of_the_future_are_left_out_in_normal_times():
+    rig = Rig()
+    rig.run(5)
+    now_ns = rig.now_ns
+    for stamp_ns in (now_ns, now_ns - 1, now_ns - HOUR_NS, now_ns + 520_000_000, now_ns + HOUR_NS):
+        rig.reader.feed_wheel_states(WheelStates(stamp_ns, np.full(6, 99.0), np.zeros(6), np.zeros(6)))
+    assert rig.reader.health().wheel_states_rejected == 5
+    assert rig.reader._encoder.latest()[0] == [rig.position] * 6
+
+
+# --- reset and retune -----------------------------------------------------------------------------------------------
+
+
+def _replayed(reader, inputs):
+    """What a reader makes of recorded inputs: (now_ns, wheel states, frames of the tick)."""
+    readings = []
+    for now_ns, states, frames in inputs:
+        for host_ns, payload, board_index in frames:
+            reader.feed_bytes(board_index, encode_payload(payload), host_ns)
+        reader.feed_wheel_states(states)
+        readings.append(reader.tick(now_ns))
+    return readings
+
+
+def _plain(readings):
+    """Readings as plain data that compares."""
+    return [
+        (
+            reading.raw,
+            reading.requests,
+            reading.voltages
+            and (reading.voltages.stamp_ns, reading.voltages.v_a.tolist(), reading.voltages.v_b.tolist()),
+            reading.angles
+            and [
+                reading.angles.stamp_ns,
+                *(
+                    getattr(reading.angles, name).tolist()
+                    for name in ("theta_1", "theta_2", "theta_1_std", "theta_2_std", "status")
+                ),
+            ],
+        )
+        for reading in readings
+    ]
+
+
+def _inputs(rig, ticks):
+    inputs = []
+    for _ in range(ticks):
+        reading = rig.step()
+        everyone = np.full(6, rig.position), np.full(6, rig.speed), np.zeros(6)
+        inputs.append((rig.now_ns + 1_000_000, WheelStates(rig.now_ns, *everyone), reading.raw))
+    return inputs
+
+
+@pytest.fixture(scope="module")
+def every_trouble():
+    """Recorded inputs of 0.5 s in which all is well, and of 13 s in which everything else happens."""
+    rig = Rig(speed=2.0, noise_lsb=0.4)
+    inputs = _inputs(rig, 50)
+    for channel, value, ticks in (
+        (0, lambda _sums: 0, 60),
+        (0, lambda _sums: 3900, 120),
+        (0, lambda _sums: 900, 60),
+        (0, lambda _sums: 2400, 200),
+        (1, lambda sums: sums[0], 200),
+    ):
+        rig.damage = _pinned(channel, value)
+        inputs += _inputs(rig, ticks)
+        rig.damage = lambda _board, sums: sums
+        inputs += _inputs(rig, 60)
+    rig.damage = lambda board, sums: [4092, 4092, *sums[2:]] if board == 0 else sums
+    inputs += _inputs(rig, 250)
+    rig.damage = lambda _board, sums: sums
+    rig.contact = False
+    inputs += _inputs(rig, 20)
+    rig.contact = True
+    rig.mute = {1}
+    inputs += _inputs(rig, 40)
+    rig.mute = set()
+    rig.hello = False
+    rig.boards[0].restart()
+    rig.boot_us[0] = rig.now_ns // 1000
+    return inputs + _inputs(rig, 80)
+
+
+OTHER_SETTINGS = {
+    "noise_lsb": 2.0,
+    "resistance_std_ratio": 0.05,
+    "angle_floor_std_rad": 0.1,
+    "contact_level": 0.3,
+    "seam_level": 0.9,
+    "range_margin": 0.5,
+    "order_margin_rad": 0.8,
+    "width_max_rad": 0.5,
+    "seam_rotation_max_rad": 1.0,
+    "stuck_rotation_rad": 1.0,
+    "stuck_band_v": 0.3,
+    "fault_scans": 7,
+    "recovery_scans": 40,
+    "recovery_rotation_rad": 0.1,
+    "predicted_std_per_rad": 1.0,
+    "fault_std_per_s": 1.0,
+    "silent_s": 0.3,
+    "hello_period_s": 0.1,
+}
+
+
+def test_every_tunable_setting_is_tried_below():
+    tunable = {row.name for row in fields(StrapReaderSettings) if row.metadata.get("tunable", False)}
+    assert tunable == set(OTHER_SETTINGS)
+
+
+@pytest.mark.parametrize("name", OTHER_SETTINGS)
+def test_a_retuned_reader_is_like_one_built_so(name, every_trouble):
+    other = replace(SETTINGS, **{name: OTHER_SETTINGS[name]})
+    changed, built, untouched = Rig().reader, Rig(settings=other).reader, Rig().reader
+    before = 0 if name in {"width_max_rad", "stuck_band_v"} else 40  # ticks that find no fault with either settings
+    _replayed(changed, every_trouble[:before])
+    _replayed(built, every_trouble[:before])
+    changed.retune(other)
+    plain = _plain(_replayed(changed, every_trouble[before:]))
+    assert plain == _plain(_replayed(built, every_trouble[before:]))
+    assert plain != _plain(_replayed(untouched, every_trouble)[before:])
+    assert changed.health().wheels == built.health().wheels
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("osr", 2), ("total_resistance_ohm", 7e5), ("clock_window_s", 20.0), ("inverted", True)]
+)
+def test_what_is_not_tunable_needs_a_restart(name, value, every_trouble):
+    reader, untouched = Rig().reader, Rig().reader
+    with pytest.raises(ValueError, match=f"{name}: cannot change while the driver runs; restart it"):
+        reader.retune(replace(SETTINGS, noise_lsb=5.0, **{name: value}))
+    assert _plain(_replayed(reader, every_trouble[:60])) == _plain(_replayed(untouched, every_trouble[:60]))
+
+
+def test_levels_that_do_not_fit_the_strap_change_nothing(every_trouble):
+    weak = Strap(SETTINGS.total_resistance_ohm, 2e5, 2e5, 5.0)
+    reader, untouched = Rig(strap=weak).reader, Rig(strap=weak).reader
+    with pytest.raises(ValueError, match="contact_level"):
+        reader.retune(replace(SETTINGS, noise_lsb=5.0, contact_level=0.25))
+    assert _plain(_replayed(reader, every_trouble[:60])) == _plain(_replayed(untouched, every_trouble[:60]))
+
+
+@pytest.mark.parametrize("ticks", [50, 130, 250, 1010])
+def test_a_reset_reader_is_like_a_new_one_and_keeps_its_counts(ticks, every_trouble):
+    reader, fresh = Rig().reader, Rig().reader
+    _replayed(reader, every_trouble[:ticks])
+    before = reader.health()
+    reader.reset()
+    forgotten = reader.health()
+    assert [board.hello for board in forgotten.boards] == [None, None]
+    assert [board.frames for board in forgotten.boards] == [board.frames for board in before.boards]
+    assert [board.scans for board in forgotten.boards] == [board.scans for board in before.boards]
+    assert [(wheel.scans, wheel.faults) for wheel in forgotten.wheels] == [
+        (wheel.scans, wheel.faults) for wheel in before.wheels
+    ]
+    assert {wheel.status for wheel in forgotten.wheels} == {ContactStatus.NO_DATA}
+    after = _replayed(reader, every_trouble[ticks:])
+    assert _plain(after) == _plain(_replayed(fresh, every_trouble[ticks:]))
+    assert [request.board_index for request in after[0].requests] == [0, 1]
+    assert [board.clock_resets for board in reader.health().boards] == [
+        old.clock_resets + 1 + new.clock_resets for old, new in zip(before.boards, fresh.health().boards, strict=True)
+    ]
+
+
+def test_stamps_go_on_after_a_reset():
+    rig = Rig()
+    before = rig.until_valid()
+    rig.reader.reset()
+    for board in rig.boards:
+        board.feed(b"?")
+    after = [reading.angles for reading in rig.run(20) if reading.angles is not None]
+    stamps = [before.stamp_ns, *(angles.stamp_ns for angles in after)]
+    assert stamps == sorted(set(stamps))
+    assert (after[-1].status < ContactStatus.FAULT_OPEN_A).all()
 
 
 # --- settings and bindings ------------------------------------------------------------------------------------------
@@ -656,7 +944,14 @@ def test_every_setting_is_documented_and_bounded():
 
 
 @pytest.mark.parametrize(
-    ("changes", "named"), [({"osr": 8}, "osr"), ({"baud": 9600, "rate_hz": 50.0}, "baud"), ({"rate_hz": 400.0}, "osr")]
+    ("changes", "named"),
+    [
+        ({"osr": 8}, "osr"),
+        ({"baud": 9600, "rate_hz": 50.0}, "baud"),
+        ({"rate_hz": 400.0}, "osr"),
+        ({"contact_level": 0.4}, "contact_level"),
+        ({"pull_down_a_ohm": 1e4}, "contact_level"),
+    ],
 )
 def test_settings_that_do_not_fit_together_are_refused(changes, named):
     with pytest.raises(ValueError, match=named):
