@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from missions.mode_colours import MODE_COLOURS
 from missions.run_log import RunLog
 from missions.summary import RunSummary
 from strap_rover import topics
@@ -14,16 +15,6 @@ from strap_rover.arrays import FloatArray
 from traction_controller.supervisor import TractionMode
 
 _AXLE_COLOURS = ("#1b6ca8", "#d1792c", "#3d8b4f", "#8c5aa8", "#7a7a7a", "#a83232")
-_MODE_COLOURS = {
-    TractionMode.STANDBY: "#d9d9d9",
-    TractionMode.DRIVE: "#bfe3c0",
-    TractionMode.LIMIT: "#ffe49c",
-    TractionMode.STALL: "#f4a582",
-    TractionMode.WAIT: "#c6dbef",
-    TractionMode.RETRY: "#d4b9da",
-    TractionMode.HALT: "#e06666",
-    TractionMode.FAULT: "#b2182b",
-}
 _FLOW_RATIO_RANGE = (0.0, 3.0)
 _MOST_LABELS = 14
 
@@ -106,7 +97,7 @@ def _modes(axis: Axes, log: RunLog) -> None:
     for start, end in zip(starts, ends, strict=True):
         mode = TractionMode(int(modes[start]))
         axis.axvspan(
-            time_s[start], end, color=_MODE_COLOURS[mode], label=None if mode in shown else mode.name, linewidth=0
+            time_s[start], end, color=MODE_COLOURS[mode], label=None if mode in shown else mode.name, linewidth=0
         )
         shown.add(mode)
     axis.legend(loc="upper left", bbox_to_anchor=(0.0, -0.5), ncols=len(shown), fontsize=8, frameon=False)
