@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from rclpy.context import Context
+from std_srvs.srv import Trigger
 
 from soil_flow_estimator.messages import SoilMessages
 from soil_flow_estimator.parameters import SoilEstimatorParameters
@@ -50,6 +51,7 @@ class SoilFlowEstimator(NodeShell[SoilEstimatorParameters]):
         self._soil_state = self.announce(topics.SOIL_STATE)
         if self_ticking:
             self.create_timer(TICK_S, self.tick)
+            self.create_service(Trigger, "~/reset", self._reset)
 
     def tick(self) -> None:
         """Publish the estimate of now, once there is one."""
@@ -58,12 +60,24 @@ class SoilFlowEstimator(NodeShell[SoilEstimatorParameters]):
             self._soil_state.send(self._messages.soil_state_message(state))
 
     def health(self) -> Sequence[Health]:
-        """One part: is there an estimate, and what was left out."""
-        counts = asdict(self._core.health())
-        if not self.published[topics.SOIL_STATE.name]:
-            text = "no estimate yet: needs contact angles, wheel_states and odom, each younger than input_timeout_s"
-            return [Health("soil", HealthLevel.WARN, text, counts)]
-        return [Health("soil", HealthLevel.OK, "estimating", counts)]
+        """One part: is there an estimate, and what is wrong with the inputs."""
+        health = self._core.health()
+        counts = asdict(health)
+        del counts["complaints"]
+        level = HealthLevel.WARN if health.complaints else HealthLevel.OK
+        if not health.is_answering:
+            level = HealthLevel.ERROR if health.answered_ticks else HealthLevel.WARN
+        told = ["estimating" if health.is_answering else "no estimate", "; ".join(health.complaints)]
+        return [Health("soil", level, ": ".join(filter(None, told)), counts)]
+
+    def settings_changed(self) -> None:
+        """Estimate by them from now on."""
+        self._core.retune(self.settings)
+
+    def _reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._core.reset()
+        response.success, response.message = True, "soil forgotten: stand still for a moment to estimate it anew"
+        return response
 
 
 def main() -> int:

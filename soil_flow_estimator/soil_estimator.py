@@ -11,6 +11,7 @@ Eq. 7 (a true 0.1 reads back as 0.27) and stays as the option `paper_linear`.
 import functools
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,18 @@ from soil_flow_estimator.soil_state import SoilState, SoilStatus
 from strap_rover.arrays import BoolArray, FloatArray, IntArray
 from strap_rover.rover import RoverDescription
 from strap_rover.settings import check_settings
-from strap_rover.telemetry import Attitude, BodyMotion, Stamped, Suspension, WheelStates, is_in_order, is_late
+from strap_rover.telemetry import (
+    BODY_MOTION_WORDS,
+    CONTACT_ANGLES_WORDS,
+    WHEEL_STATES_WORDS,
+    Attitude,
+    BodyMotion,
+    Input,
+    InputWords,
+    Suspension,
+    WheelStates,
+    is_late,
+)
 from strap_rover.terramechanics.contact import (
     DEFORMABILITY_BOUNDS,
     Wheel,
@@ -44,13 +56,22 @@ LEAST_ZONE = 1e-3
 NEUTRAL_ENTRY, NEUTRAL_EXIT = 0.3, -0.05
 """Angles [rad] put in place of unknown ones, so that the flow law can be evaluated for all wheels at once."""
 
+ATTITUDE_WORDS = InputWords("imu is", "does the rover or sim_bridge send it?")
+SUSPENSION_WORDS = InputWords("suspension is", "does the rover or sim_bridge send it?")
+
 _VALID, _PREDICTED = int(ContactStatus.VALID), int(ContactStatus.PREDICTED)
+
+
+def _tunable(doc: str, least: float, most: float) -> dict[str, Any]:
+    """Metadata of a setting that may change while the rover drives: it decides of readings to come, or scales."""
+    return {"doc": doc, "min": least, "max": most, "tunable": True}
 
 
 @dataclass(frozen=True, slots=True)
 class SoilEstimatorSettings:
     """How the soil is estimated. Construction raises SettingsError, a ValueError, for a value out of range."""
 
+    # Not tunable: de of one rule and de of the other are different quantities, and a bag must not hold both.
     deformability_rule: str = field(
         default="inverse",
         metadata={
@@ -59,36 +80,29 @@ class SoilEstimatorSettings:
         },
     )
     standing_speed_radps: float = field(
-        default=0.02,
-        metadata={"doc": "wheel speed below which a wheel stands [rad/s] (paper: 0.01)", "min": 0.0, "max": 1.0},
+        default=0.02, metadata=_tunable("wheel speed below which a wheel stands [rad/s] (paper: 0.01)", 0.0, 1.0)
     )
     standing_travel_m: float = field(
-        default=0.01, metadata={"doc": "rim travel that starts a new average [m]", "min": 0.001, "max": 1.0}
+        default=0.01, metadata=_tunable("rim travel that starts a new average [m]", 0.001, 1.0)
     )
-    readings_min: int = field(default=5, metadata={"doc": "readings before de is estimated", "min": 1, "max": 10000})
+    readings_min: int = field(default=5, metadata=_tunable("readings before de is estimated", 1, 10000))
     asymmetry_max: float = field(
         default=0.2,
-        metadata={"doc": "largest |theta_1 + theta_2|/zone of a contact that counts as static", "min": 0.0, "max": 1.0},
+        metadata=_tunable("largest |theta_1 + theta_2|/zone of a contact that counts as static", 0.0, 1.0),
     )
     angle_bias_std_rad: float = field(
-        default=0.006,
-        metadata={"doc": "1-sigma of an angle's error that averaging leaves [rad]", "min": 0.0, "max": 0.5},
+        default=0.006, metadata=_tunable("1-sigma of an angle's error that averaging leaves [rad]", 0.0, 0.5)
     )
-    load_std_ratio: float = field(
-        default=0.1, metadata={"doc": "1-sigma of a wheel's load, relative", "min": 0.0, "max": 1.0}
-    )
-    wheel_speed_std_radps: float = field(
-        default=0.005, metadata={"doc": "1-sigma of encoder speed [rad/s]", "min": 0.0, "max": 1.0}
-    )
+    load_std_ratio: float = field(default=0.1, metadata=_tunable("1-sigma of a wheel's load, relative", 0.0, 1.0))
+    wheel_speed_std_radps: float = field(default=0.005, metadata=_tunable("1-sigma of encoder speed [rad/s]", 0.0, 1.0))
     de_drift_per_sqrt_m: float = field(
-        default=0.16,
-        metadata={"doc": "growth of de's 1-sigma with rim travel [1/sqrt(m)]", "min": 0.0, "max": 10.0},
+        default=0.16, metadata=_tunable("growth of de's 1-sigma with rim travel [1/sqrt(m)]", 0.0, 10.0)
     )
     soil_density_kgpm3: float = field(
-        default=1600.0, metadata={"doc": "bulk density of the soil [kg/m^3]", "min": 100.0, "max": 5000.0}
+        default=1600.0, metadata=_tunable("bulk density of the soil [kg/m^3]", 100.0, 5000.0)
     )
     input_timeout_s: float = field(
-        default=0.2, metadata={"doc": "age of an input at which nothing is said [s]", "min": 0.005, "max": 10.0}
+        default=0.2, metadata=_tunable("age of an input at which nothing is said [s]", 0.005, 10.0)
     )
 
     def __post_init__(self) -> None:
@@ -97,8 +111,14 @@ class SoilEstimatorSettings:
 
 @dataclass(frozen=True, slots=True)
 class SoilEstimatorHealth:
-    """Counts since construction."""
+    """Counts since construction, and what is going on now."""
 
+    is_answering: bool
+    """Whether the last tick gave an estimate."""
+    complaints: tuple[str, ...]
+    """What is wrong with the inputs, each with its remedy; empty when all is well."""
+    answered_ticks: int
+    """Ticks with an answer."""
     rejected_records: int
     """Records with a wrong shape, numbers that are not finite, or a stamp before the last one or in the future."""
     late_ticks: int
@@ -106,7 +126,7 @@ class SoilEstimatorHealth:
     static_readings: int
     """Readings of single wheels that went into a static estimate."""
     wheels_estimated: int
-    """Wheels whose de has been estimated."""
+    """Wheels whose de is estimated."""
 
 
 class DeformabilityTable:
@@ -176,14 +196,21 @@ class SoilEstimator:
         self._table = DeformabilityTable(
             tuple(Wheel(wheel.radius_m, wheel.width_m) for wheel in rover.wheels), tuple(self._load.tolist())
         )
-        self._angles: ContactAngles | None = None
-        self._wheel_states: WheelStates | None = None
-        self._body_motion: BodyMotion | None = None
-        self._attitude: Attitude | None = None
-        self._suspension: Suspension | None = None
-        self._direction = 1.0
+        self._angles: Input[ContactAngles] = Input(CONTACT_ANGLES_WORDS, count, settings.input_timeout_s)
+        self._wheel_states: Input[WheelStates] = Input(WHEEL_STATES_WORDS, count, settings.input_timeout_s)
+        self._body_motion: Input[BodyMotion] = Input(BODY_MOTION_WORDS, count, settings.input_timeout_s)
+        self._attitude: Input[Attitude] = Input(ATTITUDE_WORDS, count, settings.input_timeout_s)
+        self._suspension: Input[Suspension] = Input(SUSPENSION_WORDS, count, settings.input_timeout_s)
         self._last_tick_ns: int | None = None
+        self._is_answering = False
+        self._answered_ticks = 0
+        self._late_ticks = 0
+        self._static_readings = 0
+        self._know_nothing()
 
+    def _know_nothing(self) -> None:
+        count = self._radius.size
+        self._direction = 1.0
         self._anchor: FloatArray | None = None  # encoder where the average began
         self._readings = np.zeros(count, dtype=np.int64)
         self._zone_sum = np.zeros(count)
@@ -197,36 +224,56 @@ class SoilEstimator:
         self._st = np.full(count, PRIOR_MEAN)
         self._st_std = np.full(count, PRIOR_STD)
 
-        self._rejected_records = 0
-        self._late_ticks = 0
-        self._static_readings = 0
+    @property
+    def _needed(self) -> tuple[Input[Any], ...]:
+        return self._angles, self._wheel_states, self._body_motion
+
+    @property
+    def _inputs(self) -> tuple[Input[Any], ...]:
+        return *self._needed, self._attitude, self._suspension
+
+    def retune(self, settings: SoilEstimatorSettings) -> None:
+        """Go by other settings from now on, as an estimator built with them; nothing is forgotten.
+
+        ValueError for another deformability rule: a running estimator keeps its own.
+        """
+        rule = self._settings.deformability_rule
+        if settings.deformability_rule != rule:
+            raise ValueError(
+                f"deformability_rule {settings.deformability_rule!r}: a running estimator keeps {rule!r}; start it anew"
+            )
+        self._settings = settings
+        for one in self._inputs:
+            one.timeout_s = settings.input_timeout_s
+
+    def reset(self) -> None:
+        """Forget every record and all that was learned of the soil; counters go on."""
+        for one in self._inputs:
+            one.forget()
+        self._is_answering = False
+        self._know_nothing()
 
     def feed_contact_angles(self, angles: ContactAngles) -> None:
         """Take contact angles; those of standing wheels go into the estimate of de."""
         of_wheels = (angles.theta_1, angles.theta_2, angles.theta_1_std, angles.theta_2_std, angles.status)
-        if self._is_good(angles, self._angles, of_wheels):
-            self._angles = angles
+        if self._angles.take(angles, self._last_tick_ns, of_wheels):
             self._observe_static(angles)
 
     def feed_wheel_states(self, states: WheelStates) -> None:
         """Take encoders; torque is not used."""
-        if self._is_good(states, self._wheel_states, (states.angle, states.speed)):
-            self._wheel_states = states
+        self._wheel_states.take(states, self._last_tick_ns, (states.angle, states.speed))
 
     def feed_body_motion(self, motion: BodyMotion) -> None:
         """Take odometry; its speed and the speed's std make slip and its std."""
-        if self._is_good(motion, self._body_motion, (), motion.speed + motion.speed_std):
-            self._body_motion = motion
+        self._body_motion.take(motion, self._last_tick_ns, (), motion.speed + motion.speed_std)
 
     def feed_attitude(self, attitude: Attitude) -> None:
         """Take the body's attitude; its pitch takes load off the wheels. Without it the ground counts as level."""
-        if self._is_good(attitude, self._attitude, (), sum(attitude.orientation)):
-            self._attitude = attitude
+        self._attitude.take(attitude, self._last_tick_ns, (), sum(attitude.orientation))
 
     def feed_suspension(self, suspension: Suspension) -> None:
         """Take rocker and bogie angles; kept, no estimate of this core depends on them."""
-        if self._is_good(suspension, self._suspension, (), float(suspension.angle.sum())):
-            self._suspension = suspension
+        self._suspension.take(suspension, self._last_tick_ns, (), float(suspension.angle.sum()))
 
     def tick(self, now_ns: int) -> SoilState | None:
         """The estimate now; None until angles, wheel states and odometry are there and fresh.
@@ -235,12 +282,17 @@ class SoilEstimator:
             now_ns: time now [ns].
         """
         self._last_tick_ns = now_ns
-        angles, states, motion = self._angles, self._wheel_states, self._body_motion
+        self._is_answering = False
+        lateness = [one.judge(now_ns) for one in self._needed]
+        self._attitude.judge(now_ns)
+        angles, states, motion = self._angles.record, self._wheel_states.record, self._body_motion.record
         if angles is None or states is None or motion is None:
             return None
-        if any(is_late(record, now_ns, self._settings.input_timeout_s) for record in (angles, states, motion)):
+        if any(lateness):
             self._late_ticks += 1
             return None
+        self._is_answering = True
+        self._answered_ticks += 1
         slip, slip_std = self._slip(states, motion)
         if abs(motion.speed) > REST_SPEED + REST_SIGMAS * motion.speed_std:  # otherwise its sign may be noise
             self._direction = math.copysign(1.0, motion.speed)
@@ -273,24 +325,26 @@ class SoilEstimator:
         )
 
     def health(self) -> SoilEstimatorHealth:
-        """Counts, for diagnostics."""
+        """Counts and the state at the last tick, for diagnostics."""
         return SoilEstimatorHealth(
-            rejected_records=self._rejected_records,
+            is_answering=self._is_answering,
+            complaints=self._complaints(),
+            answered_ticks=self._answered_ticks,
+            rejected_records=sum(one.rejected for one in self._inputs),
             late_ticks=self._late_ticks,
             static_readings=self._static_readings,
             wheels_estimated=int(np.count_nonzero(self._is_estimated)),
         )
 
-    def _is_good(
-        self, record: Stamped, before: Stamped | None, wheels: tuple[FloatArray | IntArray, ...], numbers: float = 0.0
-    ) -> bool:
-        """In order of time, arrays `wheels` one value per wheel, everything finite (`numbers`: a sum of scalars)."""
-        in_order = is_in_order(record, before, self._last_tick_ns, self._settings.input_timeout_s)
-        whole = all(array.shape == self._radius.shape and math.isfinite(array.sum()) for array in wheels)
-        if in_order and whole and math.isfinite(numbers):
-            return True
-        self._rejected_records += 1
-        return False
+    def _complaints(self) -> tuple[str, ...]:
+        now_ns = self._last_tick_ns
+        if now_ns is None:
+            return ()
+        told = [one.complaint(now_ns) for one in self._needed if one.is_late]
+        if self._attitude.is_late:
+            instead = "the ground counts as level" if self._attitude.record is None else "its last pitch stands in"
+            told.append(f"{self._attitude.complaint(now_ns)} {instead}")
+        return tuple(told)
 
     def _slip(self, states: WheelStates, motion: BodyMotion) -> tuple[FloatArray, FloatArray]:
         """Slip and its 1-sigma: with a the slower and b the faster of body and rim, |s| = 1 - a/b."""
@@ -328,13 +382,16 @@ class SoilEstimator:
         return flow_in / flow_out, flow_in * scale, flow_out * scale
 
     def _load_factor(self) -> float:
-        return math.cos(self._attitude.pitch) if self._attitude is not None else 1.0
+        attitude = self._attitude.record
+        return math.cos(attitude.pitch) if attitude is not None else 1.0
 
     def _observe_static(self, angles: ContactAngles) -> None:
         """Average the zones of wheels that stand, and turn the mean into de."""
-        states, motion, settings = self._wheel_states, self._body_motion, self._settings
+        states, motion, settings = self._wheel_states.record, self._body_motion.record, self._settings
         if states is None or motion is None:
             return
+        if any(is_late(record, angles.stamp_ns, settings.input_timeout_s) for record in (states, motion)):
+            return  # nobody knows whether the wheels stand
         if self._anchor is None:
             self._anchor = self._de_angle = states.angle
         moved = np.abs(states.angle - self._anchor) * self._radius > settings.standing_travel_m

@@ -7,8 +7,10 @@ import pytest
 import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, JointState
+from std_srvs.srv import Trigger
 
 from soil_flow_estimator.messages import SoilMessages
 from soil_flow_estimator.node import SoilFlowEstimator
@@ -125,7 +127,12 @@ def test_nothing_is_said_before_there_is_something_to_say(bench):
     assert bench.states == []
     status = bench.diagnostics()["soil_flow_estimator: soil"]
     assert status.level == bytes([HealthLevel.WARN])
-    assert "no estimate yet: needs contact angles, wheel_states and odom" in status.message
+    assert status.message == (
+        "no estimate: contact angles are missing: is strap_sensor_driver running?; "
+        "wheel_states are missing: does the rover or sim_bridge send them?; "
+        "odom is missing: does the rover or sim_bridge send it?; "
+        "imu is missing: does the rover or sim_bridge send it? the ground counts as level"
+    )
     by_topic = messages(inputs(40 * MS))
     del by_topic["odom"]
     bench.feed(by_topic)
@@ -136,7 +143,9 @@ def test_nothing_is_said_before_there_is_something_to_say(bench):
     assert len(bench.states) == 1
     status = bench.diagnostics()["soil_flow_estimator: soil"]
     assert (status.level, status.message) == (bytes([HealthLevel.OK]), "estimating")
-    assert {item.key for item in status.values} >= {"rejected_records", "late_ticks", "wheels_estimated"}
+    keys = {item.key for item in status.values}
+    assert keys >= {"rejected_records", "late_ticks", "wheels_estimated"}
+    assert "complaints" not in keys
 
 
 def test_old_inputs_are_not_used(bench):
@@ -144,8 +153,59 @@ def test_old_inputs_are_not_used(bench):
     bench.tick(20 * MS)
     bench.tick(300 * MS)
     assert len(bench.states) == 1
-    late = {item.key: item.value for item in bench.diagnostics()["soil_flow_estimator: soil"].values}["late_ticks"]
-    assert late == "1"
+    status = bench.diagnostics()["soil_flow_estimator: soil"]
+    values = {item.key: item.value for item in status.values}
+    assert (values["late_ticks"], values["is_answering"]) == ("1", "False")
+    assert status.level == bytes([HealthLevel.ERROR])
+    assert status.message.startswith("no estimate: contact angles are 0.28 s old: is strap_sensor_driver running?; ")
+    bench.feed(messages(inputs(310 * MS)))
+    bench.tick(320 * MS)
+    status = bench.diagnostics()["soil_flow_estimator: soil"]
+    assert (status.level, status.message) == (bytes([HealthLevel.OK]), "estimating")
+
+
+def test_an_imu_that_is_late_is_told_while_estimating(bench):
+    for index in range(1, 16):
+        by_topic = messages(inputs(20 * MS * index))
+        if index > 1:
+            del by_topic["imu"]
+        bench.feed(by_topic)
+        bench.tick(20 * MS * index)
+    assert len(bench.states) == 15
+    status = bench.diagnostics()["soil_flow_estimator: soil"]
+    assert status.level == bytes([HealthLevel.WARN])
+    assert status.message == (
+        "estimating: imu is 0.28 s old: does the rover or sim_bridge send it? its last pitch stands in"
+    )
+
+
+def test_parameters_set_on_the_running_node_reach_the_core(bench):
+    core = SoilEstimator(ROVER, SoilEstimatorParameters())
+    assert all(one.successful for one in bench.node.set_parameters([Parameter("readings_min", value=20)]))
+    core.retune(replace(SoilEstimatorParameters(), readings_min=20))
+    for index in range(1, 31):
+        records = inputs(20 * MS * index)
+        bench.feed(messages(records))
+        bench.tick(20 * MS * index)
+        said = SOIL.soil_state(bench.states[-1])
+        assert (said.status == (SoilStatus.PRIOR if index < 20 else SoilStatus.STATIC_ESTIMATE)).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [("readings_min", 0, "readings_min"), ("deformability_rule", "paper_linear", "read-only")],
+)
+def test_a_parameter_that_must_not_change_so_is_refused_with_the_reason(bench, name, value, reason):
+    before = bench.node.settings
+    (result,) = bench.node.set_parameters([Parameter(name, value=value)])
+    assert not result.successful
+    assert reason in result.reason
+    assert bench.node.settings is before
+
+
+def test_in_lockstep_nobody_can_reset(bench):
+    names = [name for name, _ in bench.node.get_service_names_and_types_by_node("soil_flow_estimator", "/")]
+    assert "/soil_flow_estimator/reset" not in names
 
 
 @pytest.mark.parametrize("name", ["wheel_states", "odom", "imu", "suspension", "strap/contact_angles"])
@@ -215,4 +275,32 @@ def test_live_it_answers_at_its_own_pace(ros_context, wait_until):
         bench.peer.drain()
 
     wait_until(lambda: len(bench.states) >= 5, feed_and_spin)
+    executor.shutdown()
+
+
+def test_the_reset_service_forgets_the_soil(ros_context, wait_until):
+    bench = Bench(ros_context, wait_until, self_ticking=True)
+    executor = SingleThreadedExecutor(context=ros_context)
+    executor.add_node(bench.node)
+
+    def feed_and_spin(**pose):
+        bench.send(messages(inputs(bench.node.now_ns(), **pose)))
+        for _ in range(6):
+            executor.spin_once(timeout_sec=0.005)
+        bench.peer.drain()
+
+    def all_are(status):
+        return bench.states and (SOIL.soil_state(bench.states[-1]).status == status).all()
+
+    wait_until(lambda: all_are(SoilStatus.STATIC_ESTIMATE), feed_and_spin)
+    client = bench.peer.create_client(Trigger, "/soil_flow_estimator/reset")
+    executor.add_node(bench.peer)
+    wait_until(client.service_is_ready)
+    future = client.call_async(Trigger.Request())
+    wait_until(future.done, lambda: executor.spin_once(timeout_sec=0.01))
+    executor.remove_node(bench.peer)
+    answer = future.result()
+    assert (answer.success, answer.message) == (True, "soil forgotten: stand still for a moment to estimate it anew")
+    asymmetric = {"theta_1": 0.5, "theta_2": -0.1}  # no contact of a standing wheel: de stays as it is
+    wait_until(lambda: all_are(SoilStatus.PRIOR), lambda: feed_and_spin(**asymmetric))
     executor.shutdown()

@@ -1,8 +1,10 @@
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from soil_flow_estimator.soil_estimator import (
     DeformabilityTable,
@@ -40,6 +42,7 @@ class Bench:
         self.theta_2 = -0.4 * ONES
         self.angle_std = 0.0075
         self.status = np.zeros(6, dtype=np.int64)
+        self.pitch_deg = None
         self.silent = set()
         self.lead_ns = {}
 
@@ -56,6 +59,8 @@ class Bench:
         self.angle = self.angle + 0.01 * self.omega
         e = self.estimator
         std = self.angle_std * ONES
+        if self.pitch_deg is not None:
+            e.feed_attitude(replace(pitched(self.pitch_deg), stamp_ns=self.stamp("attitude")))
         if "wheels" not in self.silent:
             e.feed_wheel_states(WheelStates(self.stamp("wheels"), self.angle, self.omega, np.zeros(6)))
         if "odometry" not in self.silent:
@@ -69,6 +74,7 @@ class Bench:
         return self.now_ns + self.lead_ns.get(name, 0)
 
     def run(self, seconds):
+        state = None
         for _ in range(round(seconds * 100)):
             state = self.tick()
         return state
@@ -359,6 +365,225 @@ def test_nothing_is_said_without_every_input_or_with_an_old_one(missing):
     assert bench.estimator.health().late_ticks == 1
 
 
+@pytest.mark.parametrize("dead", ["wheels", "odometry"])
+def test_nobody_knows_whether_a_wheel_stands_whose_encoder_or_odometry_is_old(dead):
+    bench = Bench()
+    bench.stand_on(0.3)
+    bench.run(0.5)
+    bench.silent = {dead}
+    bench.stand_on(0.6)
+    bench.run(0.2)
+    readings = bench.estimator.health().static_readings
+    bench.run(1.0)
+    assert bench.estimator.health().static_readings == readings
+
+
+ANGLES = "contact angles are {}: is strap_sensor_driver running?"
+WHEELS = "wheel_states are {}: does the rover or sim_bridge send them?"
+ODOMETRY = "odom is {}: does the rover or sim_bridge send it?"
+IMU = "imu is {}: does the rover or sim_bridge send it? {}"
+
+
+@pytest.mark.parametrize(
+    ("silent", "pitch_deg", "seconds", "told"),
+    [
+        (set(), 0.0, 1.0, []),
+        ({"angles"}, 0.0, 0.35, [ANGLES.format("0.35 s old")]),
+        ({"wheels"}, 0.0, 0.35, [WHEELS.format("0.35 s old")]),
+        ({"odometry"}, 0.0, 60.0, [ODOMETRY.format("60.00 s old")]),
+        ({"wheels", "odometry"}, 0.0, 0.35, [WHEELS.format("0.35 s old"), ODOMETRY.format("0.35 s old")]),
+        (set(), None, 0.35, [IMU.format("0.35 s old", "its last pitch stands in")]),
+    ],
+)
+def test_what_is_late_is_told_with_its_age_and_remedy(silent, pitch_deg, seconds, told):
+    bench = Bench()
+    bench.pitch_deg = 0.0
+    bench.run(0.1)
+    bench.silent, bench.pitch_deg = silent, pitch_deg
+    bench.run(seconds)
+    health = bench.estimator.health()
+    assert list(health.complaints) == told
+    assert health.is_answering is (not silent)
+
+
+def test_what_never_came_is_missing():
+    bench = Bench()
+    assert bench.estimator.health().complaints == ()
+    bench.silent = {"angles", "wheels", "odometry"}
+    bench.tick()
+    health = bench.estimator.health()
+    assert health.complaints == (
+        ANGLES.format("missing"),
+        WHEELS.format("missing"),
+        ODOMETRY.format("missing"),
+        IMU.format("missing", "the ground counts as level"),
+    )
+    assert (health.is_answering, health.answered_ticks) == (False, 0)
+    bench.silent = set()
+    bench.tick()
+    health = bench.estimator.health()
+    assert health.complaints == (IMU.format("missing", "the ground counts as level"),)
+    assert (health.is_answering, health.answered_ticks) == (True, 1)
+
+
+def test_a_reset_forgets_records_and_soil_and_keeps_the_counters():
+    bench = Bench()
+    bench.pitch_deg = 20.0
+    bench.stand_on(0.3)
+    bench.run(0.5)
+    bench.roll(-0.8, -0.18, 0.1, -0.5)
+    bench.run(0.1)
+    bench.estimator.feed_body_motion(BodyMotion(0, 0.0, 0.0, 0.0, 0.0, 0.005))
+    before = bench.estimator.health()
+    bench.estimator.reset()
+    health = bench.estimator.health()
+    assert (health.wheels_estimated, health.is_answering) == (0, False)
+    for name in ("answered_ticks", "rejected_records", "late_ticks", "static_readings"):
+        assert getattr(health, name) == getattr(before, name) > 0 or name == "late_ticks"
+    assert bench.estimator.tick(bench.now_ns) is None
+    bench.pitch_deg = None
+    state, fresh = bench.run(0.1), Bench()
+    fresh.angle = bench.angle - 0.1 * bench.omega
+    fresh.roll(-0.8, -0.18, 0.1, -0.5)
+    assert same_soil(state, fresh.run(0.1))
+
+
+def same_soil(one, other):
+    if one is None or other is None:
+        return one is other
+    names = [name for name in SoilState.__slots__ if name != "stamp_ns"]
+    return all(getattr(one, name).tobytes() == getattr(other, name).tobytes() for name in names)
+
+
+ROWS = [
+    ("standing_speed_radps", 0.0),
+    ("standing_travel_m", 0.05),
+    ("readings_min", 20),
+    ("asymmetry_max", 0.05),
+    ("angle_bias_std_rad", 0.05),
+    ("load_std_ratio", 0.3),
+    ("wheel_speed_std_radps", 0.1),
+    ("de_drift_per_sqrt_m", 0.5),
+    ("soil_density_kgpm3", 2000.0),
+    ("input_timeout_s", 0.02),
+]
+TUNABLE = [item.name for item in fields(SoilEstimatorSettings) if item.metadata.get("tunable")]
+
+
+def story(bench):
+    """Everything that can happen to an estimate, in 2 s; what was said on every tick."""
+
+    def part(seconds):
+        said.extend(bench.tick() for _ in range(round(seconds * 100)))
+
+    said = []
+    bench.stand_on(0.3)
+    part(0.1)
+    bench.theta_1, bench.theta_2 = 0.45 * ONES, -0.35 * ONES  # not quite symmetric
+    bench.omega = 0.015 * ONES  # creeping
+    part(0.4)
+    bench.roll()
+    part(0.3)
+    bench.silent = {"odometry"}
+    part(0.1)
+    bench.silent = set()
+    bench.stand_on(0.6)
+    bench.omega = 0.02 * ONES
+    part(1.0)
+    return said
+
+
+def same_story(one, other):
+    return all(same_soil(a, b) for a, b in zip(one, other, strict=True))
+
+
+def test_every_tunable_setting_has_a_row_and_nothing_else_is_tunable():
+    assert [name for name, _ in ROWS] == TUNABLE
+    assert {item.name for item in fields(SoilEstimatorSettings)} - set(TUNABLE) == {"deformability_rule"}
+
+
+@pytest.mark.parametrize(("name", "value"), ROWS)
+def test_a_tuned_estimator_says_what_one_built_so_says(name, value):
+    old, built, tuned = Bench(), Bench(**{name: value}), Bench()
+    tuned.estimator.retune(SoilEstimatorSettings(**{name: value}))
+    told = story(built)
+    assert same_story(story(tuned), told)
+    assert not same_story(story(old), told)
+
+
+@st.composite
+def tunings(draw):
+    ranges = {
+        "standing_speed_radps": st.floats(0.0, 0.1),
+        "standing_travel_m": st.floats(0.001, 0.1),
+        "readings_min": st.integers(1, 20),
+        "asymmetry_max": st.floats(0.0, 1.0),
+        "angle_bias_std_rad": st.floats(0.0, 0.1),
+        "load_std_ratio": st.floats(0.0, 0.3),
+        "wheel_speed_std_radps": st.floats(0.0, 0.1),
+        "de_drift_per_sqrt_m": st.floats(0.0, 1.0),
+        "soil_density_kgpm3": st.floats(500.0, 3000.0),
+        "input_timeout_s": st.floats(0.01, 0.5),
+    }
+    assert list(ranges) == TUNABLE
+    return draw(st.fixed_dictionaries(ranges))
+
+
+PARTS = st.lists(
+    st.fixed_dictionaries(
+        {
+            "ticks": st.integers(1, 30),
+            "omega": st.sampled_from([0.0, 0.01, 0.05, 0.8, -0.8]),
+            "speed": st.sampled_from([0.0, 0.002, 0.18, -0.18]),
+            "theta_1": st.sampled_from([0.1, 0.4, 0.9]),
+            "theta_2": st.sampled_from([-0.1, -0.35, -0.4]),
+            "status": st.sampled_from([0, 0, 1, 2, 10, 21]),
+            "silent": st.sets(st.sampled_from(["angles", "odometry", "wheels"]), max_size=1),
+        }
+    ),
+    min_size=1,
+    max_size=8,
+)
+
+
+def played(bench, parts):
+    """What an estimator says while it is told this."""
+    said = []
+    for part in parts:
+        bench.omega, bench.speed, bench.silent = part["omega"] * ONES, part["speed"], part["silent"]
+        bench.theta_1, bench.theta_2 = part["theta_1"] * ONES, part["theta_2"] * ONES
+        bench.status = np.array([part["status"], 0, 0, 0, 0, 0])
+        said += [bench.tick() for _ in range(part["ticks"])]
+    return said
+
+
+@settings(max_examples=60, deadline=None)
+@given(tunings(), tunings(), PARTS, PARTS)
+def test_an_estimator_tuned_and_reset_on_the_way_goes_on_as_a_new_one_built_so(first, second, before, after):
+    tuned, built = Bench(**first), Bench(**second)
+    played(tuned, before)
+    tuned.estimator.retune(SoilEstimatorSettings(**second))
+    tuned.estimator.reset()
+    built.angle, built.now_ns = tuned.angle, tuned.now_ns
+    assert same_story(played(tuned, after), played(built, after))
+
+
+@settings(max_examples=30, deadline=None)
+@given(tunings(), tunings(), PARTS, PARTS)
+def test_tuning_there_and_back_between_two_ticks_is_as_nothing(tuning, other, before, after):
+    there, same_as_ever = Bench(**tuning), Bench(**tuning)
+    played(there, before)
+    played(same_as_ever, before)
+    there.estimator.retune(SoilEstimatorSettings(**other))
+    there.estimator.retune(SoilEstimatorSettings(**tuning))
+    assert same_story(played(there, after), played(same_as_ever, after))
+
+
+def test_a_running_estimator_keeps_its_rule():
+    with pytest.raises(ValueError, match="deformability_rule 'paper_linear': a running estimator keeps 'inverse'"):
+        Bench().estimator.retune(SoilEstimatorSettings(deformability_rule="paper_linear"))
+
+
 @pytest.mark.parametrize("early", ["angles", "wheels", "odometry"])
 @pytest.mark.parametrize("ticks_before", [0, 5])
 def test_one_stamp_of_tomorrow_does_not_switch_the_time_out_off(early, ticks_before):
@@ -393,6 +618,49 @@ def test_a_clock_that_is_set_back_is_followed(back_ns):
     assert bench.tick() is None
     assert bench.tick() is not None
     assert bench.estimator.health().rejected_records == 3  # of the moment before anybody knew
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.one_of(
+                st.integers(-3_600_000, 3_600_000), st.integers(-500, 500), st.sampled_from([-3_600_000, 3_600_000])
+            ),
+            st.integers(0, 30),
+        ),
+        min_size=1,
+        max_size=4,
+    ),
+    st.sampled_from(["angles", "wheels", "odometry"]),
+)
+def test_a_clock_that_is_set_is_over_in_a_moment_and_hides_nothing(steps, silent):
+    bench = Bench()
+    bench.pitch_deg = 5.0
+    bench.run(0.1)
+    for step_ms, ticks in steps:
+        bench.now_ns += step_ms * MS
+        for _ in range(ticks):
+            bench.tick()
+    bench.run(0.25)  # the time-out, within which a step may go unnoticed and order is kept
+    assert bench.tick() is not None
+    assert bench.estimator.health().complaints == ()
+    bench.now_ns += steps[0][0] * MS  # and now something falls silent in the moment in which the clock is set
+    bench.silent = {silent}
+    assert bench.run(0.42) is None
+
+
+@pytest.mark.parametrize("dead", ["angles", "wheels", "odometry"])
+def test_what_died_when_the_clock_was_set_back_is_not_alive_when_it_comes_by_again(dead):
+    bench = Bench()
+    bench.run(0.5)
+    died_ns = bench.now_ns
+    bench.silent = {dead}
+    bench.now_ns -= 3_600_000 * MS
+    assert bench.run(0.5) is None
+    bench.now_ns = died_ns - 20 * MS
+    for _ in range(5):
+        assert bench.tick() is None
 
 
 def test_every_number_is_finite_for_any_contact():
