@@ -51,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument("--params-file", type=Path, metavar="FILE", help="ROS parameter file over the shipped config/")
     demo.add_argument("--rover", metavar="NAME", help="a rover of config/rovers or a YAML file of your own")
     demo.add_argument("--live", action="store_true", help="nodes as processes on wall time, boards on serial ports")
-    demo.add_argument("--executor", choices=("single", "events"), default="single", help="of the nodes of --live")
+    demo.add_argument("--executor", choices=("events", "single"), default="events", help="of the nodes of --live")
     demo.set_defaults(command=_demo)
 
     bag = commands.add_parser("bag", help="look at recorded bags, play them").add_subparsers(

@@ -57,7 +57,7 @@ def run_live(
     console: Console,
     stopped: Callable[[], bool] = never,
     *,
-    executor: str = "single",
+    executor: str = "events",
 ) -> LiveResult:
     """Drive `plan` for its duration on wall time, or until `stopped()`, into `folder`; ends every process.
 
@@ -128,8 +128,7 @@ def _start(graph: LiveGraph, operator: LiveOperator, spin: Callable[[], None], s
     for name in graph.nodes:
         graph.start(name)
         if name == "recorder":
-            _await(lambda: [] if operator.is_recorded() else ["recorder listens to nothing"],
-                   graph, spin, stopped, deadline_s)  # fmt: skip
+            _await(operator.unrecorded_request, graph, spin, stopped, deadline_s)
     _await(operator.missing, graph, spin, stopped, deadline_s)
 
 

@@ -79,12 +79,12 @@ class LiveGraph:
         plan: what is run; every node gets its settings through a parameter file in `folder`.
         folder: where bag, parameters and logs go.
         ports: folder for the links of the virtual boards' ports.
-        executor: `single` or `events`.
+        executor: `events` or `single`, of every node.
         nodes: which of NODES to start.
     """
 
     def __init__(
-        self, plan: RunPlan, folder: Path, ports: Path, executor: str = "single", nodes: Sequence[str] = NODES
+        self, plan: RunPlan, folder: Path, ports: Path, executor: str = "events", nodes: Sequence[str] = NODES
     ) -> None:
         self.folder = folder
         self._executor = executor

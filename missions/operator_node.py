@@ -15,7 +15,7 @@ from traction_controller.messages import TractionMessages
 from traction_controller.supervisor import Fault
 from traction_controller.traction import TractionState
 
-GRAPH_NODES = ("sim_bridge", "strap_sensor_driver", "soil_flow_estimator", "traction_controller")
+GRAPH_NODES = ("recorder", "sim_bridge", "strap_sensor_driver", "soil_flow_estimator", "traction_controller")
 _READY_FAULTS = frozenset({Fault.NONE, Fault.COMMAND_LATE})
 """Faults a rover that nobody has asked to drive may have, and be ready."""
 
@@ -67,20 +67,25 @@ class LiveOperator(Operator):
         }
         return [what for what, count in found.items() if count]
 
-    def is_recorded(self) -> bool:
-        """Whether somebody listens to the request for speed: before the controller does, that is the recorder."""
-        return self._request.subscription_count() > 0
+    def unrecorded_request(self) -> list[str]:
+        """Nothing, once somebody listens to the request for speed: before the controller does, that is the recorder."""
+        return [] if self._request.subscription_count() else ["recorder does not listen"]
 
     def missing(self) -> list[str]:
-        """Nodes that have not said how they are yet, and what keeps the rover from driving."""
-        silent = [name for name in GRAPH_NODES if name not in self.node_health]
+        """What keeps the rover from driving, and the recorder from recording all of it."""
+        silent = [f"{name} has not been heard" for name in GRAPH_NODES if name not in self.node_health]
         if silent:
-            return [f"{name} has not been heard" for name in silent]
+            return silent
         if self.state is None:
             return ["traction_controller has not said its state"]
         if self.state.fault not in _READY_FAULTS:
             return [f"traction_controller reports {self.state.fault.name}"]
-        return []
+        recorded = self.node_health["recorder"].get("bag", {})
+        return [
+            f"recorder has nothing of {row.name} yet"
+            for row in topics.CONTRACT
+            if row.always_present and row.steady and recorded.get(f"recorded {row.name}", "0") == "0"
+        ]
 
     def drive(self) -> None:
         """Begin to ask."""

@@ -119,12 +119,11 @@ class StrapSensorDriver(NodeShell[StrapDriverParameters]):
         if not self.self_ticking or self.get_parameter("use_sim_time").value:
             raise SettingsError(["strap_sensor_driver: boards live by the host's clock; leave use_sim_time false"])
         settings = self.settings
-        woken = self.create_guard_condition(self.tick)
         self._serial = SerialBoards(
             port_paths(settings.port, self._reader.board_ids),
             settings.baud,
             scans_per_record(settings.rate_hz),
-            woken.trigger,
+            self.waker(self.tick),
             time.monotonic_ns(),
         )
         self.every(LOOK_S, self._tick_if_late)

@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from threading import Event
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from rcl_interfaces.msg import SetParametersResult
@@ -123,6 +124,25 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
         self.create_timer(
             period_s, callback, clock=self.get_clock() if is_simulated else Clock(clock_type=ClockType.STEADY_TIME)
         )
+
+    def waker(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """What any thread may call to have the executor call `callback` soon, once for any number of calls until then.
+
+        A guard condition would do the same, but EventsExecutor has none.
+        """
+        is_due = Event()
+
+        def run() -> None:
+            is_due.clear()  # first: bytes that come while the callback runs are for the next call
+            callback()
+
+        def wake() -> None:
+            executor = self.executor
+            if executor is not None and not is_due.is_set():
+                is_due.set()
+                executor.create_task(run)
+
+        return wake
 
     def listen(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         """Call `callback` with every message of `topic`, counted in `received`.

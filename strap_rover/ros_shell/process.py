@@ -13,14 +13,20 @@ import rclpy
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError, UnknownROSArgsError
 from rclpy.exceptions import NotInitializedException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.utilities import remove_ros_args
 
 from strap_rover.ros_shell.quiet_start import hand_over, take_signals
 
+try:
+    from rclpy.experimental.events_executor import EventsExecutor
+except ImportError:  # an rclpy of Jazzy's first months
+    EventsExecutor = None
+
 EXIT_OK = 0
 EXIT_BAD_SETTINGS = 2
 
+EXECUTORS = ("events", "single")
+"""What runs callbacks, the default first: docs/decisions/executor.md."""
 _POLL_S = 0.5
 """How long the executor waits for work before the process looks whether its context still stands."""
 
@@ -29,7 +35,8 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
     """Make the node with `factory`, spin it until SIGINT, SIGTERM or shutdown; the exit code.
 
     `args` are the process's arguments with the program's name (default `sys.argv`). Besides ROS arguments:
-    `--executor events` spins with rclpy's experimental EventsExecutor, about five times cheaper than `single`.
+    `--executor single` spins with rclpy's SingleThreadedExecutor instead of its EventsExecutor, which takes half the
+    processor time and is still called experimental; an rclpy that has none gets `single` anyway.
     Returns 0 after a signal, 2 with plain words on stderr when arguments are wrong or the node cannot be made of its
     parameters (ValueError, SettingsError among them). Any other exception, and a ValueError of the node once it is
     made, is a bug and passes through.
@@ -44,8 +51,7 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
     hand_over()
     node = None
     try:
-        events = _wants_events_executor(remove_ros_args(argv)[1:])
-        executor = EventsExecutor() if events else SingleThreadedExecutor()  # first: it cannot be made after a signal
+        executor = _executor(remove_ros_args(argv)[1:])  # first: it cannot be made after a signal
         try:
             node = factory()
         except ValueError as error:  # SettingsError, or a value that a core refused; later a ValueError is a bug
@@ -67,7 +73,8 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
     return EXIT_OK
 
 
-def _wants_events_executor(arguments: Sequence[str]) -> bool:
+def _executor(arguments: Sequence[str]) -> Any:
     parser = argparse.ArgumentParser(epilog="Parameters: --ros-args -p NAME:=VALUE or --params-file FILE")
-    parser.add_argument("--executor", choices=("single", "events"), default="single", help="how callbacks are run")
-    return bool(parser.parse_args(list(arguments)).executor == "events")
+    parser.add_argument("--executor", choices=EXECUTORS, default=EXECUTORS[0], help="how callbacks are run")
+    wants_events = parser.parse_args(list(arguments)).executor == "events"
+    return EventsExecutor() if wants_events and EventsExecutor is not None else SingleThreadedExecutor()
