@@ -104,19 +104,25 @@ class Dashboard:
         if snapshot.is_empty:
             yield Text(nothing_heard(snapshot.domain_id))
             return
+        if snapshot.silence_s is not None:
+            yield Text.assemble((f" {_silence(snapshot.silence_s)} ", _LOUD))
+            yield Text()
         yield from _supervisor(snapshot)
         if snapshot.wheels:
             yield Text()
             yield from _wheels(snapshot, options)
             yield from _strap_faults(snapshot)
-        yield Text()
-        yield from _health(snapshot)
+        if snapshot.silence_s is None:
+            yield Text()
+            yield from _health(snapshot)
 
 
 def plain_line(snapshot: Snapshot) -> str:
     """The snapshot in one line, for a log: mode, speeds, largest slip, and everything that is wrong."""
     if snapshot.is_empty:
         return nothing_heard(snapshot.domain_id)
+    if snapshot.silence_s is not None:
+        return _silence(snapshot.silence_s)
     words = [
         _in_line("mode", snapshot.traction_state, lambda state: state.state.name),
         _in_line("body", snapshot.body_motion, lambda body: f"{_number(body.speed, 2, 6)} m/s"),
@@ -136,6 +142,10 @@ def _in_line(label: str, heard: Heard[Any] | None, value: Callable[[Any], str]) 
     if heard is None:
         return f"{label} -"
     return f"{label} {value(heard.record)}" + (f" ({_age(heard.age_s)} old)" if heard.is_old else "")
+
+
+def _silence(silence_s: float) -> str:
+    return f"nothing new for {_age(silence_s)}: has the graph ended, is the network down?"
 
 
 def _supervisor(snapshot: Snapshot) -> Iterator[RenderableType]:

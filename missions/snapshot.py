@@ -106,6 +106,17 @@ class Snapshot:
         return not (self.nodes or self.problems or self.speed_request or any(heard for _, heard in self.expected))
 
     @property
+    def silence_s(self) -> float | None:
+        """How long ago the last sign of life came, once everything known is old [s]; None before."""
+        topics_heard = [heard for _, heard in self.expected if heard]
+        known: list[Heard[Any] | NodeHealth] = [*topics_heard, *self.nodes]
+        if self.speed_request:
+            known.append(self.speed_request)
+        if not known or not all(one.is_old for one in known):
+            return None
+        return min(one.age_s for one in known)
+
+    @property
     def wheels(self) -> tuple[str, ...]:
         """Names of the wheels in the order of the messages.
 

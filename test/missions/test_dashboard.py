@@ -20,6 +20,15 @@ from traction_controller.supervisor import Fault, TractionMode
 from traction_controller.traction import TractionState
 
 WHEELS = ("fl", "ml", "rl", "fr", "mr", "rr")
+FIELDS = (
+    "contact_angles",
+    "soil_state",
+    "traction_state",
+    "wheel_commands",
+    "wheel_states",
+    "body_motion",
+    "speed_request",
+)
 ALL_WELL = (
     NodeHealth(
         "strap_sensor_driver", 0.4, (PartHealth("board 1", "OK", "firmware 1"), PartHealth("strap fl", "OK", ""))
@@ -415,6 +424,19 @@ def test_a_node_that_is_silent_is_stale_whatever_it_said_last():
     assert "not heard for 3.1 s: does it still run?" in shown
     assert "all" not in shown.split("health", 1)[1].split("\n", 1)[0]
     assert "strap_sensor_driver: STALE: not heard for 3.1 s" in plain_line(page)
+
+
+def test_when_all_is_silent_the_first_line_says_so():
+    page = aged(snapshot(), *(name for name in FIELDS if name != "body_motion"), age_s=40.0)
+    page = aged(page, "body_motion", age_s=30.0)
+    assert "nothing new for" not in lines(page)[0]
+    nodes = tuple(replace(node, age_s=35.0) for node in ALL_WELL)
+    page = replace(page, nodes=nodes)
+    for said in (lines(page)[0], plain_line(page)):
+        assert "nothing new for 30 s: has the graph ended, is the network down?" in said
+    assert style_of(page, lines(page)[0]).bgcolor is not None
+    assert text(page).count("STALE") == 0
+    assert "nothing new" not in text(aged(page, "speed_request", age_s=0.1)).splitlines()[0]
 
 
 def test_what_was_never_heard_is_named_with_where_it_comes_from():
