@@ -41,7 +41,7 @@ def load_generator():
 
 
 def test_there_is_a_file_for_each_node_and_no_other():
-    assert {path.stem for path in CONFIG.glob("*.yaml")} == set(NODES) == set(FACTORIES)
+    assert {path.stem for path in CONFIG.glob("*.yaml")} - {"real_rover"} == set(NODES) == set(FACTORIES)
 
 
 @pytest.mark.parametrize("node", NODES)
