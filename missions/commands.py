@@ -77,6 +77,13 @@ def parser() -> argparse.ArgumentParser:
     play.add_argument("--wait", type=float, metavar="S", help="for listeners to every topic, at most (default 10)")
     play.set_defaults(command=_bag_play)
 
+    watch = commands.add_parser(
+        "watch", help="live picture of a running graph: wheels, supervisor, health; only listens"
+    )
+    watch.add_argument("--once", action="store_true", help="print one picture and exit: 1 when nothing was heard")
+    watch.add_argument("--wait", type=float, metavar="S", help="with --once: how long to wait for it (default 5)")
+    watch.set_defaults(command=_watch)
+
     study = commands.add_parser("case_study", help="many runs of one question, as a table")
     study.add_argument("study", choices=("all", *STUDIES), metavar="NAME", help=f"all, {', '.join(STUDIES)}")
     study.add_argument("--out", type=Path, metavar="DIR", help="empty folder for the results")
@@ -154,6 +161,22 @@ def _bag_play(options: argparse.Namespace, console: Console, stop: StopRequest) 
     given = {name: value for name, value in asked.items() if value is not None}
     settings = settings_from_mapping(PlayerSettings, given, "bag play")
     return EXIT_OK if play_bag(settings, console, stop) else EXIT_STOPPED
+
+
+def _watch(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:
+    from missions.watch import NothingHeardError, watch, watch_once  # noqa: PLC0415 - ROS is slow
+
+    if options.wait is not None and not (options.once and 0.0 < options.wait <= 3600.0):
+        return _complain(
+            f"--wait {options.wait:g}: give more than 0 and at most 3600 s, with --once", EXIT_ASKED_WRONGLY
+        )
+    if not options.once:
+        watch(console, stop)
+        return EXIT_OK
+    try:
+        return EXIT_OK if watch_once(console, stop, options.wait or 5.0) else EXIT_STOPPED
+    except NothingHeardError as error:
+        return _complain(error, EXIT_FAILED)
 
 
 def _case_study(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:
