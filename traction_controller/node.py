@@ -86,10 +86,10 @@ class TractionControllerNode(NodeShell[TractionParameters]):
         stopped = health.mode in {TractionMode.HALT, TractionMode.FAULT}
         level = HealthLevel.ERROR if stopped else HealthLevel.WARN if health.complaints else HealthLevel.OK
         told = list(health.complaints)
-        if health.fault is not Fault.NONE:
-            told.append("the wheels stand until every input is good")
         if health.mode is TractionMode.HALT or not told:
             told.insert(0, health.reason)
+        elif health.fault is not Fault.NONE:
+            told.append("the wheels stand until every input is good")
         counts = asdict(health) | {"mode": health.mode.name, "fault": health.fault.name}
         del counts["complaints"]
         return [Health("traction", level, "; ".join(told), counts)]

@@ -342,6 +342,9 @@ def test_the_reset_service_leaves_halt(live):
     live.speed_mps = 0.0  # the wheels turn, the rover does not move, and no retry is allowed
     live.until_mode(TractionMode.HALT)
     assert list(live.heard["wheel_commands"][-1].data) == [0.0] * 6
+    status = live.diagnostics()["traction_controller: traction"]
+    assert status.level == bytes([HealthLevel.ERROR])
+    assert status.message.startswith("no retry is left: free the rover, then call ~/reset")
     live.speed_mps = 0.5
     for _ in range(5):
         live.spin()
