@@ -50,7 +50,7 @@ class SoilFlowEstimator(NodeShell[SoilEstimatorParameters]):
         self.listen(topics.CONTACT_ANGLES, lambda m: core.feed_contact_angles(straps.contact_angles(m)))
         self._soil_state = self.announce(topics.SOIL_STATE)
         if self_ticking:
-            self.create_timer(TICK_S, self.tick)
+            self.every(TICK_S, self.tick)
             self.create_service(Trigger, "~/reset", self._reset)
 
     def tick(self) -> None:

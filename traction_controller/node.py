@@ -64,7 +64,7 @@ class TractionControllerNode(NodeShell[TractionParameters]):
         self._stamped_commands = self.announce(topics.TRACTION_COMMANDS)
         self._state = self.announce(topics.TRACTION_STATE)
         if self_ticking:
-            self.create_timer(TICK_NS * 1e-9, self._tick_if_due)
+            self.every(TICK_NS * 1e-9, self._tick_if_due)
             self.create_service(Trigger, "~/reset", self._reset)
             self.create_service(SetBool, "~/hold", self._hold)
 

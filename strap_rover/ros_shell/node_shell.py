@@ -7,6 +7,7 @@ from threading import Event
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.node import Node
@@ -31,16 +32,22 @@ READ_SERIALIZED = frozenset({JOINT_STATE, "nav_msgs/msg/Odometry", "sensor_msgs/
 class Announcement:
     """A publisher of the contract that counts what it sends."""
 
-    def __init__(self, topic: Topic, publisher: Any, published: Counter[str]) -> None:
+    def __init__(self, topic: Topic, publisher: Any, published: Counter[str], context: Context) -> None:
         self.topic = topic
+        self._context = context
         self.subscription_count: Callable[[], int] = publisher.get_subscription_count
         self._publish: Callable[[Any], None] = publisher.publish
         self._published = published
 
     def send(self, message: Any) -> None:
-        """Publish `message`."""
-        self._publish(message)
-        self._published[self.topic.name] += 1
+        """Publish `message`; without a word where the context is gone, by a signal in the midst of a callback."""
+        try:
+            self._publish(message)
+        except (RCLError, InvalidHandle):
+            if self._context.ok():
+                raise
+        else:
+            self._published[self.topic.name] += 1
 
 
 class _Listened(NamedTuple):
@@ -120,21 +127,34 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
         By /clock where `use_sim_time` is set; otherwise by a clock that nobody sets: a timer on the host's clock
         stands still when that is set back, and with it every time-out.
         """
+
+        def call() -> None:
+            try:
+                callback()
+            except (RCLError, InvalidHandle):
+                if self.context.ok():  # otherwise a signal struck in the midst of it
+                    raise
+
         is_simulated = bool(self.get_parameter("use_sim_time").value)
         self.create_timer(
-            period_s, callback, clock=self.get_clock() if is_simulated else Clock(clock_type=ClockType.STEADY_TIME)
+            period_s, call, clock=self.get_clock() if is_simulated else Clock(clock_type=ClockType.STEADY_TIME)
         )
 
     def waker(self, callback: Callable[[], None]) -> Callable[[], None]:
         """What any thread may call to have the executor call `callback` soon, once for any number of calls until then.
 
-        A guard condition would do the same, but EventsExecutor has none.
+        A guard condition would do the same, but EventsExecutor has none; it takes tasks, and crashes when one raises
+        (seen with rclpy 7.1.6), so that what `callback` raises is raised by a timer a moment later.
         """
         is_due = Event()
 
         def run() -> None:
             is_due.clear()  # first: bytes that come while the callback runs are for the next call
-            callback()
+            try:
+                callback()
+            except Exception as error:  # noqa: BLE001 - a task must not raise
+                if self.context.ok():
+                    self._raise_soon(error)
 
         def wake() -> None:
             executor = self.executor
@@ -143,6 +163,12 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
                 executor.create_task(run)
 
         return wake
+
+    def _raise_soon(self, error: Exception) -> None:
+        def raise_it() -> None:
+            raise error
+
+        self.create_timer(0.001, raise_it, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def listen(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         """Call `callback` with every message of `topic`, counted in `received`.
@@ -169,7 +195,7 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
     def announce(self, topic: Topic) -> Announcement:
         """A publisher for `topic`; its messages are counted in `published`."""
         publisher = self.create_publisher(message_class(topic.type_name), topic.name, qos_profile(topic.delivery))
-        announcement = Announcement(topic, publisher, self.published)
+        announcement = Announcement(topic, publisher, self.published, self.context)
         self._announced.append(announcement)
         return announcement
 

@@ -1,3 +1,4 @@
+import threading
 from dataclasses import dataclass, field
 
 import pytest
@@ -7,6 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from rclpy.clock import ClockType
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -241,6 +243,72 @@ def test_what_happens_every_so_often_goes_by_simulated_time_where_that_is_set(co
     assert calls == []  # 0.6 s of wall time, none of /clock
     wait_until(lambda: calls, lambda: advance_to(11))
     executor.shutdown()
+
+
+@pytest.fixture(params=[SingleThreadedExecutor, EventsExecutor], ids=["single", "events"])
+def spun(request, context_with):
+    """A live node on an executor, and what lets it work for a moment."""
+    node = ProbeNode(context=context_with())
+    executor = request.param(context=node.context)
+    executor.add_node(node)
+    yield node, lambda: executor.spin_once(timeout_sec=0.05)
+    executor.shutdown()
+
+
+def test_a_thread_wakes_the_executor_once_for_many_calls(spun, wait_until):
+    node, spin = spun
+    calls = []
+    wake = node.waker(lambda: calls.append(threading.get_ident()))
+    for _ in range(5):
+        thread = threading.Thread(target=lambda: [wake() for _ in range(100)])
+        thread.start()
+        thread.join()
+    wait_until(lambda: calls, spin)
+    for _ in range(5):
+        spin()
+    assert calls == [threading.get_ident()]
+    wake()
+    wait_until(lambda: len(calls) == 2, spin)
+
+
+def test_a_call_while_the_callback_runs_is_not_lost(spun, wait_until):
+    node, spin = spun
+    calls = []
+
+    def callback():
+        calls.append(1)
+        if len(calls) == 1:
+            wake()
+
+    wake = node.waker(callback)
+    wake()
+    wait_until(lambda: len(calls) == 2, spin)
+
+
+def test_waking_a_node_that_nobody_spins_does_nothing(ros_context):
+    node = ProbeNode(settings=Probe(), context=ros_context)
+    node.waker(pytest.fail)()
+
+
+def test_what_a_woken_callback_raises_is_raised_by_the_executor(spun, wait_until):
+    """And not by the task, which EventsExecutor would not survive."""
+    node, spin = spun
+
+    def broken():
+        raise RuntimeError("a bug")
+
+    node.waker(broken)()
+    with pytest.raises(RuntimeError, match="a bug"):
+        wait_until(lambda: False, spin)
+
+
+def test_publishing_when_the_context_is_gone_is_not_an_error(context_with):
+    node = ProbeNode(context=context_with())
+    publisher = node.announce(CMD_VEL)
+    publisher.send(twist(1))
+    node.context.shutdown()
+    publisher.send(twist(2))
+    assert node.published[CMD_VEL.name] == 1
 
 
 def test_what_happens_every_so_often_goes_by_a_clock_that_nobody_sets(context_with):
