@@ -28,7 +28,7 @@ ARGUMENTS = {
     "wheel_commands": ("replay/wheel_commands", "where the controller's commands go"),
     "record": ("false", "record what is played and what comes of it: true or false"),
     "record_to": ("", "folder of that bag; empty: a name with date and time, here"),
-    "executor": ("single", "single or events"),
+    "executor": ("", "events or single; empty: the nodes' default"),
 }
 
 
@@ -59,7 +59,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
             package="strap_rover",
             executable=name,
             output="screen",
-            arguments=["--executor", said["executor"]],
+            arguments=["--executor", said["executor"]] if said["executor"] else [],
             ros_arguments=[*common, *rules],
             on_exit=_end,
         )

@@ -46,7 +46,9 @@ def generate_launch_description() -> LaunchDescription:
             *(DeclareLaunchArgument(name, default_value="", description=text) for name, text in ARGUMENTS.items()),
             _switch("record", "record every topic"),
             _switch("respawn", "start a node again that died; false: end with it"),
-            DeclareLaunchArgument("executor", default_value="single", description="single or events"),
+            DeclareLaunchArgument(
+                "executor", default_value="", description="events or single; empty: the nodes' default"
+            ),
             *(DeclareLaunchArgument(name, default_value=name, description=text) for name, text in TOPICS.items()),
             OpaqueFunction(function=_nodes),
         ]
@@ -71,7 +73,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
             package="strap_rover",
             executable=name,
             output="screen",
-            arguments=["--executor", said("executor")],
+            arguments=["--executor", said("executor")] if said("executor") else [],
             ros_arguments=[*common, *_parameter_rules(name, parameters)],
             respawn=respawn and name != "recorder",
             respawn_delay=RESPAWN_DELAY_S,

@@ -24,7 +24,7 @@ ARGUMENTS = {
     "port": ("/tmp/strap_rover/board_{board}", "links to the virtual boards' ports, {board} stands for an id"),  # noqa: S108
     "record": ("true", "record every topic: true or false"),
     "bag": ("", "folder of the bag; empty: a name with date and time, here"),
-    "executor": ("single", "single or events"),
+    "executor": ("", "events or single; empty: the nodes' default"),
 }
 PASSED_ON = ("policy", "params_file", "port", "record", "bag", "executor")
 
@@ -64,7 +64,7 @@ def _graph(context: LaunchContext) -> list[IncludeLaunchDescription | LogInfo | 
             package="strap_rover",
             executable="sim_bridge",
             output="screen",
-            arguments=["--executor", said["executor"]],
+            arguments=["--executor", said["executor"]] if said["executor"] else [],
             ros_arguments=[*file, *rules],
             on_exit=_end,
         ),

@@ -190,7 +190,7 @@ def test_what_is_started_exists(name, record, launched, package):
     for node in nodes:
         assert node["package"] == "strap_rover"
         assert node["executable"] in executables
-        assert node["arguments"] == ["--executor", "single"]
+        assert node["arguments"] == []
         for rule in by_option(node, "-p"):
             owner, parameter, _ = rule.split(":", 2)
             assert owner == node["executable"]
@@ -199,6 +199,12 @@ def test_what_is_started_exists(name, record, launched, package):
             assert rule.split(":=")[0] in {topic.name for topic in CONTRACT}
         for file in by_option(node, "--params-file"):
             assert Path(file).is_file()
+
+
+@pytest.mark.parametrize("name", REQUIRED)
+def test_every_node_is_told_the_executor_that_is_asked_for(name, launched):
+    nodes, _ = launched(name, **REQUIRED[name], executor="single")
+    assert [node["arguments"] for node in nodes] == [["--executor", "single"]] * len(nodes)
 
 
 def test_launch_files_and_configuration_are_installed(package):
