@@ -395,15 +395,18 @@ def _strap_statuses(snapshot: Snapshot) -> Iterator[tuple[str, ContactStatus]]:
 
 
 def _strap_faults(snapshot: Snapshot) -> Iterator[RenderableType]:
-    """One line per faulty strap, with the remedy."""
-    faults = [(name, status) for name, status in _strap_statuses(snapshot) if status.is_fault]
-    if not faults or snapshot.contact_angles is None:
+    """One line per kind of fault: whose straps, and the remedy."""
+    wheels: dict[ContactStatus, list[str]] = {}
+    for name, status in _strap_statuses(snapshot):
+        if status.is_fault:
+            wheels.setdefault(status, []).append(name)
+    if not wheels or snapshot.contact_angles is None:
         return
     old = snapshot.contact_angles.is_old
     table = _hanging()
-    for name, status in faults:
-        label = Text(f"{name} {_STRAP_WORDS[status]}", style=_GREY if old else _LOUD)
-        table.add_row(label, Text(remedy(status), style=_GREY if old else ""))
+    for status, names in wheels.items():
+        label = Text(_STRAP_WORDS[status], style=_GREY if old else _LOUD)
+        table.add_row(label, Text(f"{', '.join(names)}: {remedy(status)}", style=_GREY if old else ""))
     yield Padding(table, (1, 0, 0, 0))
 
 
@@ -416,7 +419,8 @@ def _health(snapshot: Snapshot) -> Iterator[RenderableType]:
     if not snapshot.nodes:
         yield Text.assemble(("health ", "bold"), ("no node heard yet on /diagnostics", _GREY))
     elif rows:
-        yield Text.assemble(("health ", "bold"), f"{len(rows)} not OK, of {count} parts of {len(snapshot.nodes)} nodes")
+        unwell = sum(node.is_old or part.level != "OK" for node in snapshot.nodes for part in node.parts)
+        yield Text.assemble(("health ", "bold"), f"{unwell} of {count} parts of {len(snapshot.nodes)} nodes not OK")
     else:
         line = Text.assemble(("health ", "bold"), (f"all {count} parts OK", "green"), (f"  {well}", _GREY))
         line.no_wrap, line.overflow = True, "ellipsis"
@@ -436,17 +440,17 @@ def _health(snapshot: Snapshot) -> Iterator[RenderableType]:
 
 
 def _unwell(snapshot: Snapshot, said: Container[str] = ()) -> list[tuple[Level, str, str]]:
-    """Level, node and words for every part that is not OK and every node not heard any more, worst first."""
-    rows: list[tuple[Level, str, str]] = []
+    """Level, node and words for what is not OK, worst first; parts of a node that say the same share a row."""
+    parts: dict[tuple[Level, str, str], list[str]] = {}
     for node in snapshot.nodes:
         if node.is_old:
-            rows.append(("STALE", node.node, f"not heard for {_age(node.age_s)}: does it still run?"))
+            parts["STALE", node.node, f"not heard for {_age(node.age_s)}: does it still run?"] = []
             continue
-        rows.extend(
-            (part.level, node.node, f"{part.part}: {'see above' if part.message in said else part.message}")
-            for part in node.parts
-            if part.level != "OK"
-        )
+        for part in node.parts:
+            if part.level != "OK":
+                text = "see above" if part.message in said else part.message
+                parts.setdefault((part.level, node.node, text), []).append(part.part)
+    rows = [(level, node, f"{', '.join(of)}: {text}" if of else text) for (level, node, text), of in parts.items()]
     return sorted(rows, key=lambda row: -LEVELS.index(row[0]))
 
 

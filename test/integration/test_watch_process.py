@@ -119,7 +119,7 @@ def test_once_prints_a_picture_and_exits_0(strap_rover_command, speak, wait_unti
     assert (child.process.returncode, child.err) == (0, "")
     assert "body 0.37 m/s" in child.out
     assert "left " in child.out
-    assert "right OPEN B" in child.out
+    assert "OPEN B right: " in child.out
     assert " ".join(remedy(ContactStatus.FAULT_OPEN_B).split()[:5]) in child.out
     assert "link: check the cable" in child.out
     assert "\x1b" not in child.out

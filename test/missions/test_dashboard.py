@@ -255,9 +255,18 @@ def test_a_faulty_strap_is_loud_has_its_remedy_and_no_number(status):
 def test_a_long_remedy_is_folded_beside_its_label_and_whole():
     record = replace(angles(), status=np.array([0, 0, int(ContactStatus.FAULT_ORDER), 0, 0, 0]))
     page = lines(snapshot(contact_angles=record))
-    start = next(index for index, line in enumerate(page) if line.startswith("rl ORDER"))
+    start = next(index for index, line in enumerate(page) if line.startswith("ORDER "))
     end = page.index("", start)
-    assert " ".join(line[9:].strip() for line in page[start:end]) == remedy(ContactStatus.FAULT_ORDER)
+    said = " ".join(line[6:].strip() for line in page[start:end])
+    assert said == f"rl: {remedy(ContactStatus.FAULT_ORDER)}"
+    assert end - start > 1
+
+
+def test_straps_with_the_same_fault_share_one_line():
+    codes = [int(status) for status in (ContactStatus.FAULT_STUCK, ContactStatus.FAULT_SHORT, ContactStatus.VALID)]
+    page = text(snapshot(contact_angles=replace(angles(), status=np.array(codes + codes))), 140)
+    assert f"STUCK fl, fr: {remedy(ContactStatus.FAULT_STUCK)}" in page
+    assert f"SHORT ml, mr: {remedy(ContactStatus.FAULT_SHORT)}" in page
 
 
 def test_a_wheel_in_the_air_has_no_angles():
@@ -396,7 +405,7 @@ def test_a_part_that_is_not_ok_has_a_line_with_its_remedy():
     strap = PartHealth("strap rr", "ERROR", "look at it")
     page = snapshot(nodes=(*ALL_WELL, NodeHealth("driver", 0.1, (board, strap, PartHealth("x", "OK", "fine")))))
     shown = lines(page, 100)
-    assert "2 not OK, of 6 parts of 3 nodes" in "\n".join(shown)
+    assert "2 of 6 parts of 3 nodes not OK" in "\n".join(shown)
     error = next(index for index, line in enumerate(shown) if line.startswith("ERROR driver"))
     assert shown[error].endswith("strap rr: look at it")
     assert shown[error + 1].startswith("WARN  driver")
@@ -404,6 +413,14 @@ def test_a_part_that_is_not_ok_has_a_line_with_its_remedy():
     assert "x: fine" not in "\n".join(shown)
     assert shown[error + 2].split(None, 3)[-1] == "strap_sensor_driver, traction_controller"
     assert "driver: ERROR: strap rr: look at it" in plain_line(page)
+
+
+def test_parts_of_a_node_that_say_the_same_share_one_line():
+    parts = tuple(PartHealth(f"strap {name}", "ERROR", "check the cable") for name in WHEELS)
+    page = text(snapshot(nodes=(NodeHealth("driver", 0.1, parts), NodeHealth("other", 0.1, parts[:1]))), 140)
+    assert "strap fl, strap ml, strap rl, strap fr, strap mr, strap rr: check the cable" in page
+    assert page.count("check the cable") == 2
+    assert "7 of 7 parts of 2 nodes not OK" in page
 
 
 def test_a_remedy_is_not_said_twice():
@@ -472,7 +489,7 @@ def test_markup_and_brackets_of_others_are_only_text():
 
 
 def test_what_does_not_fit_is_counted():
-    parts = tuple(PartHealth(f"part {index}", "WARN", "no") for index in range(30))
+    parts = tuple(PartHealth(f"part {index}", "WARN", f"no {index}") for index in range(30))
     page = snapshot(nodes=(NodeHealth("n", 0.0, parts),))
     whole, cut = lines(page), lines(page, height=24)
     assert len(cut) == 24
