@@ -131,7 +131,7 @@ def test_health_names_board_and_wheel_and_the_remedy(bench):
     assert (fl.level, fl.message) == (bytes([HealthLevel.OK]), "nothing to do")
     values = {item.key: item.value for item in fl.values}
     assert (values["status"], values["faults"]) == ("VALID", "0")
-    assert len(after) == 2 + 6
+    assert len(after) == 2 + 6 + 2  # and the topic it listens to, and its output
 
 
 def test_a_board_of_another_protocol_is_an_error_with_the_remedy(bench):
@@ -167,7 +167,7 @@ def test_noise_on_the_line_does_no_harm(bench):
 
 def test_a_board_without_a_link_is_refused_with_its_rover(ros_context):
     links = {1: MemoryLink.pair("only one")[0]}
-    with pytest.raises(SettingsError, match=r"no link to board\(s\) \[2\] of rover 'curiosity'"):
+    with pytest.raises(SettingsError, match=r"no link to some of boards \(1, 2\) of rover 'curiosity'"):
         StrapSensorDriver(links, settings=StrapDriverParameters(), context=ros_context)
 
 

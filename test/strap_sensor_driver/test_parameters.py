@@ -5,7 +5,7 @@ import pytest
 from strap_rover.installed_data import config_file
 from strap_rover.rover import load_rover
 from strap_rover.settings import SettingsError, load_settings, settings_from_mapping
-from strap_sensor_driver.parameters import StrapDriverParameters, bind_wheels
+from strap_sensor_driver.parameters import StrapDriverParameters, bind_wheels, port_paths
 from strap_sensor_driver.strap_reader import StrapReaderSettings
 
 
@@ -16,9 +16,9 @@ def test_the_shipped_file_says_every_parameter_at_its_default():
     )
 
 
-def test_the_node_adds_the_rover_to_the_core_s_settings_and_nothing_else():
+def test_the_node_adds_rover_and_port_to_the_core_s_settings_and_nothing_else():
     added = {item.name for item in fields(StrapDriverParameters)} - {item.name for item in fields(StrapReaderSettings)}
-    assert added == {"rover"}
+    assert added == {"rover", "port"}
     assert isinstance(StrapDriverParameters(), StrapReaderSettings)
 
 
@@ -46,3 +46,14 @@ def test_wheels_are_bound_to_the_boards_and_channels_of_the_rover():
         )
         assert binding.strap == settings.strap()
     assert len({(binding.board_id, binding.channel) for binding in bindings}) == 6
+
+
+def test_a_port_for_each_board():
+    assert port_paths("/dev/uno_{board}", (1, 2)) == {1: "/dev/uno_1", 2: "/dev/uno_2"}
+    assert port_paths("/dev/ttyACM0", (7,)) == {7: "/dev/ttyACM0"}
+
+
+@pytest.mark.parametrize("pattern", ["/dev/ttyACM0", "/dev/{bord}", "/dev/{", "/dev/{}"])
+def test_a_pattern_that_names_no_port_for_each_is_refused(pattern):
+    with pytest.raises(SettingsError, match="port: "):
+        port_paths(pattern, (1, 2))
