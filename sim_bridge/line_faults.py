@@ -1,6 +1,7 @@
 """Everything a serial line and a board do to frames on a bad day, on demand and from a seed."""
 
 from enum import Enum
+from typing import BinaryIO
 
 import numpy as np
 
@@ -39,6 +40,8 @@ class FaultyLine:
 
     def __init__(self, port: PtyPort, rng: np.random.Generator) -> None:
         self.port = port
+        self.journal: BinaryIO | None = None
+        """Where what the board sends is kept as it was before the fault; closed with the port."""
         self.fault = LineFault.NONE
         self._share = 0.0
         self._rng = rng
@@ -71,6 +74,8 @@ class FaultyLine:
 
     def write(self, data: bytes, now_ns: int) -> None:
         """Send what the fault leaves of `data`."""
+        if self.journal is not None:
+            self.journal.write(data)
         if self.fault is LineFault.STALL:
             self.harmed += 1
             self._backlog = (self._backlog + data)[-_LONGEST_BACKLOG_BYTES:]
@@ -84,8 +89,10 @@ class FaultyLine:
             self.port.write(sent, now_ns)
 
     def close(self) -> None:
-        """Close the port."""
+        """Close the port and the journal."""
         self.port.close()
+        if self.journal is not None:
+            self.journal.close()
 
     def _spoilt(self, data: bytes) -> bytes:
         rng, share = self._rng, self._share

@@ -43,3 +43,10 @@ class SimBridgeParameters(SensorSettings):
         default=-1,
         metadata={"doc": "board that the fault strikes, -1: all", "min": -1, "max": 255, "tunable": True},
     )
+    line_journal: str = field(
+        default="",
+        metadata={
+            "doc": "live: file that each board's bytes go to as it sends them, before any line_fault, to compare with "
+            "strap/raw; {board} stands for its id; empty: none"
+        },
+    )

@@ -1,12 +1,15 @@
 """The serial ports of all virtual boards, and what is wrong with their lines at the moment."""
 
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from sim_bridge.line_faults import FaultyLine, LineFault
 from sim_bridge.parameters import SimBridgeParameters
 from sim_bridge.pty_port import PtyPort
+from strap_rover.settings import SettingsError
 from strap_sensor_driver.parameters import port_paths
 
 _FAULT_STREAM = 0xFA17
@@ -22,6 +25,9 @@ class VirtualPorts:
         try:
             for source, (board, path) in zip(sources, port_paths(settings.port, boards).items(), strict=True):
                 self.lines[board] = FaultyLine(PtyPort(path, settings.baud), np.random.default_rng(source))
+            if settings.line_journal:
+                for board, path in port_paths(settings.line_journal, boards, "line_journal").items():
+                    self.lines[board].journal = _opened(path)
         except BaseException:
             self.close()
             raise
@@ -50,3 +56,11 @@ class VirtualPorts:
         """Close every port."""
         for line in self.lines.values():
             line.close()
+
+
+def _opened(journal: str) -> BinaryIO:
+    """Unbuffered, since it is to be whole however the process ends; behind what an earlier process left there."""
+    try:
+        return Path(journal).open("ab", buffering=0)
+    except OSError as error:
+        raise SettingsError([f"line_journal {journal}: {error.strerror}; give a path that can be written"]) from error

@@ -123,3 +123,16 @@ def test_unplug_takes_the_port_away_until_it_ends(make_wire):
         bench.line.write(wire(0), 0)
         assert again.read(len(wire(0))) == wire(0)
     assert bench.line.session == 2
+
+
+@pytest.mark.parametrize("fault", list(LineFault), ids=lambda fault: fault.value)
+def test_the_journal_keeps_what_was_sent_whatever_became_of_it(make_wire, tmp_path, fault):
+    bench = make_wire()
+    with (tmp_path / "journal").open("wb", buffering=0) as journal:
+        bench.line.journal = journal
+        bench.line.begin(fault, 0.5)
+        for seq in range(FRAMES):
+            bench.line.write(wire(seq), 0)
+        assert (tmp_path / "journal").read_bytes() == SENT
+        bench.line.close()
+        assert journal.closed

@@ -239,6 +239,27 @@ def test_a_fault_is_begun_and_ended_by_parameters_and_said_in_health(live):
     assert bench.port.exists()
 
 
+def test_a_journal_of_each_board_is_gone_on_with(live, tmp_path):
+    journal = tmp_path / "sent_1"
+    journal.write_bytes(b"before\0")
+    bench = live(line_journal=str(tmp_path / "sent_{board}"), line_fault="unplug")
+    bench.spin_for(0.05)
+    head, *blocks = journal.read_bytes().split(b"\0")
+    assert (head, blocks[-1]) == (b"before", b"")
+    decoder = FrameDecoder(1)
+    events = [event for block in blocks[:-1] for event in decoder.feed(block + b"\0")]
+    assert len(events) > 5
+    assert all(isinstance(event, AcceptedFrame) for event in events)
+
+
+@pytest.mark.parametrize("pattern", ["nowhere/{board}", "same", "{wheel}"])
+def test_a_journal_that_cannot_be_is_refused_and_no_port_is_left(live, tmp_path, pattern):
+    settings = {"line_journal": f"{tmp_path}/{pattern}", "scenario": "mars_snag"}  # two boards
+    with pytest.raises(SettingsError, match="line_journal"):
+        live(**settings)
+    assert not list(tmp_path.glob("uno_*[0-9]"))
+
+
 def test_motors_that_nobody_commands_any_more_stop(live):
     bench = live(command_timeout_s=0.1)
     bench.spin_until(bench.commands.subscription_count)
