@@ -287,7 +287,7 @@ def test_a_world_that_was_stopped_does_not_catch_up_and_its_boards_begin_anew(li
     assert abs(bench.node.world.epoch_ns + bench.node.world.now_ns - time.time_ns()) < 300 * MS
 
 
-@pytest.mark.parametrize("bad", ["use_sim_time:=true", "port:=/proc/nowhere/uno{board}", "port:=/tmp/{bord}"])
+@pytest.mark.parametrize("bad", ["use_sim_time:=true", "port:=/proc/nowhere/uno{board}", "port:=/tmp/{wheel}"])
 def test_a_world_that_cannot_be_served_is_refused_in_words(domain_id, bad):
     context = rclpy.Context()
     rclpy.init(args=["sim", "--ros-args", "-p", bad], context=context, domain_id=domain_id)
