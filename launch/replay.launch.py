@@ -5,6 +5,7 @@ goes out under its own names all the same: on a rover's computer, replay in a RO
 """
 
 import json
+from pathlib import Path
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.events.process import ProcessExited
@@ -30,6 +31,8 @@ ARGUMENTS = {
     "record_to": ("", "folder of that bag; empty: a name with date and time, here"),
     "executor": ("", "events or single; empty: the nodes' default"),
 }
+ENDING_S = "15"
+"""Time to end after SIGINT, before SIGTERM comes."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -49,7 +52,9 @@ def generate_launch_description() -> LaunchDescription:
 def _nodes(context: LaunchContext) -> list[Node]:
     said = {name: str(LaunchConfiguration(name).perform(context)) for name in ("bag", *ARGUMENTS)}
     common = ["-r", f"wheel_commands:={said['wheel_commands']}"]
-    if said["params_file"]:  # not through `parameters`, which starts the node without a file that does not exist
+    if said["params_file"]:
+        if not Path(said["params_file"]).is_file():  # every node would say so, in more words
+            raise FileNotFoundError(f"params_file: there is no file {said['params_file']}")
         common += ["--params-file", said["params_file"]]
 
     def node(name: str, **parameters: str) -> Node:
@@ -59,6 +64,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
             package="strap_rover",
             executable=name,
             output="screen",
+            sigterm_timeout=ENDING_S,
             arguments=["--executor", said["executor"]] if said["executor"] else [],
             ros_arguments=[*common, *rules],
             on_exit=_end,

@@ -10,6 +10,7 @@ bag's folder is taken, or the disk full; the rover drives on without it.
 
 import json
 from collections.abc import Callable
+from pathlib import Path
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.events.process import ProcessExited
@@ -35,6 +36,8 @@ TOPICS = {
 }
 EXIT_BAD_SETTINGS = 2
 RESPAWN_DELAY_S = 1.0
+ENDING_S = "15"
+"""Time to close a bag on a slow card, before SIGTERM comes after SIGINT."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -64,7 +67,9 @@ def _nodes(context: LaunchContext) -> list[Node]:
         return str(LaunchConfiguration(name).perform(context))
 
     common = [part for name in TOPICS if said(name) != name for part in ("-r", f"{name}:={said(name)}")]
-    if said("params_file"):  # not through `parameters`, which starts the node without a file that does not exist
+    if said("params_file"):
+        if not Path(said("params_file")).is_file():  # every node would say so, in more words
+            raise FileNotFoundError(f"params_file: there is no file {said('params_file')}")
         common += ["--params-file", said("params_file")]
     respawn = said("respawn") == "true"
 
@@ -77,6 +82,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
             ros_arguments=[*common, *_parameter_rules(name, parameters)],
             respawn=respawn and name != "recorder",
             respawn_delay=RESPAWN_DELAY_S,
+            sigterm_timeout=ENDING_S,
             on_exit=_end_with(name, always=not respawn and name != "recorder"),
         )
 

@@ -27,6 +27,8 @@ ARGUMENTS = {
     "executor": ("", "events or single; empty: the nodes' default"),
 }
 PASSED_ON = ("policy", "params_file", "port", "record", "bag", "executor")
+ENDING_S = "15"
+"""Time to end after SIGINT, before SIGTERM comes."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -64,6 +66,7 @@ def _graph(context: LaunchContext) -> list[IncludeLaunchDescription | LogInfo | 
             package="strap_rover",
             executable="sim_bridge",
             output="screen",
+            sigterm_timeout=ENDING_S,
             arguments=["--executor", said["executor"]] if said["executor"] else [],
             ros_arguments=[*file, *rules],
             on_exit=_end,

@@ -246,11 +246,10 @@ def test_what_a_node_is_told_is_for_the_node_to_judge(said, problem, launched, s
             assert settings_of(node).port == said.get("port", "/dev/strap_board_{board}")
 
 
-@pytest.mark.ros
-def test_a_parameter_file_that_is_not_there_is_no_reason_to_go_on_without(launched, settings_of):
-    for node in launched("rover", params_file="/nowhere/rover.yaml")[0]:
-        with pytest.raises(rclpy._rclpy_pybind11.RCLError, match=r"/nowhere/rover.yaml"):
-            settings_of(node)
+@pytest.mark.parametrize("name", REQUIRED)
+def test_nothing_is_started_without_the_parameter_file_that_was_asked_for(name, launched):
+    with pytest.raises(FileNotFoundError, match=r"params_file: there is no file /nowhere/rover.yaml"):
+        launched(name, **REQUIRED[name], params_file="/nowhere/rover.yaml")
 
 
 def test_topics_of_a_rover_are_remapped_in_every_node(launched):
