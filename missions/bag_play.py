@@ -58,9 +58,11 @@ def _play(settings: PlayerSettings, console: Console, stopped: Callable[[], bool
             disable=not console.is_terminal,
         ) as progress:
             task = progress.add_task("playing", total=plan.duration_s)
-            while not player.done and not stopped():
+            while not (player.done or node.failure or stopped()):
                 executor.spin_once(timeout_sec=_LOOK_S)
                 progress.update(task, completed=(min(player.bag_ns, plan.end_ns) - plan.start_ns) / 1e9)
     finally:
         node.destroy_node()
+    if node.failure is not None:
+        raise node.failure
     return player.done

@@ -15,8 +15,11 @@ from strap_rover.flight_recorder.player_plan import PlayPlan
 from strap_rover.topics import CLOCK
 
 CLOCK_PERIOD_NS = 10_000_000
-SETTLING_NS = 200_000_000
-"""From the last listener found to the first message: the listener may not yet have found the player."""
+SETTLING_NS = 1_000_000_000
+"""From the last listener found to the first message: the listener may not yet have found the player.
+
+Nobody can see from here that it has; on a busy machine 0.2 s cost one run in eight its first second.
+"""
 
 _POLL_NS = 20_000_000
 _SECOND_NS = 10**9

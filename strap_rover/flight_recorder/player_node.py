@@ -34,6 +34,8 @@ class PlayerNode(NodeShell[PlayerSettings]):
     `tell` and `warn` say what happens in words; by default they log.
     """
 
+    failure: BagError | None = None
+    """Why it ended before the bag did: a damaged place. Not raised, for rclpy would print what a callback raises."""
     _summary_due = False
 
     def __init__(
@@ -64,7 +66,11 @@ class PlayerNode(NodeShell[PlayerSettings]):
         """Send what is due, then set the timer to what comes next."""
         began_ns = wake_ns = now_ns = time.monotonic_ns()
         while wake_ns <= now_ns < began_ns + _TURN_NS:
-            next_ns = self.player.step(now_ns)
+            try:
+                next_ns = self.player.step(now_ns)
+            except BagError as error:
+                self.failure = error
+                next_ns = None
             if next_ns is None:
                 self._end()
                 return
@@ -105,11 +111,18 @@ def _write_line(text: str) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the player; the exit code: 0 played or stopped by a signal, 2 cannot begin, 3 the bag is damaged inside."""
-    try:
-        return run_node(lambda: PlayerNode(at_end=rclpy.try_shutdown), args)
-    except BagError as error:
-        sys.stderr.write(f"{error}\n")
-        return EXIT_BAG_ERROR
+    nodes: list[PlayerNode] = []
+
+    def make() -> PlayerNode:
+        nodes.append(PlayerNode(at_end=rclpy.try_shutdown))
+        return nodes[0]
+
+    code = run_node(make, args)
+    for node in nodes:
+        if node.failure is not None:
+            sys.stderr.write(f"{node.failure}\n")
+            return EXIT_BAG_ERROR
+    return code
 
 
 if __name__ == "__main__":
