@@ -26,11 +26,12 @@ from missions.plan import RunPlan
 from missions.run_log import run_log_from_bag
 from missions.stop_request import never
 from missions.summary import summarize, write_summary
+from strap_rover.file_lock import FileLock, LockHeldError
 
 READY_LIMIT_S = 90.0
 """Time the graph has to be ready: on the very first start every node compiles its laws."""
-DISCOVERY_S = 0.6
-"""Time in which another graph in the same domain is found."""
+DISCOVERY_S = 1.0
+"""Time in which another graph in the same domain is found, if this machine is not too busy."""
 LIVE_REPORT = "live.json"
 _SPIN_S = 0.02
 
@@ -73,18 +74,28 @@ def run_live(
         f"controller {plan.controller.policy}, seed {plan.seed}, {plan.duration_s:g} s on wall time, live; "
         f"watch it: [bold]strap_rover watch[/] in another terminal"
     )
-    with _operator(plan) as (operator, spin), _ports_folder() as ports, run_progress(console) as progress:
+    with (
+        _domain_lock(),
+        _operator(plan) as (operator, spin),
+        _ports_folder() as ports,
+        run_progress(console) as progress,
+    ):
         _refuse_strangers(operator, spin)
         task = progress.add_task("starting the nodes", total=plan.duration_s)
         with LiveGraph(plan, folder, ports, executor) as graph:
-            _start(graph, operator, spin, stopped)
+
+            def go_on() -> None:
+                """Let the operator work, and the dead be started again."""
+                spin()
+                for news in graph.poll():
+                    console.print(f"[bold red]{escape(news)}[/]")
+
+            _start(graph, operator, go_on, stopped)
             operator.drive()
             origin_ns, begin_s = operator.now_ns(), time.monotonic()
             cpu_before = {name: node.cpu_s() for name, node in graph.nodes.items()}
             while (elapsed_s := time.monotonic() - begin_s) < plan.duration_s and not stopped():
-                spin()
-                for news in graph.poll():
-                    console.print(f"[bold red]{escape(news)}[/]")
+                go_on()
                 progress.update(task, completed=elapsed_s, description=_in_words(operator))
             cpu_share = {
                 name: (node.cpu_s() - cpu_before[name]) / elapsed_s
@@ -122,26 +133,25 @@ def print_report(result: LiveResult, console: Console) -> None:
         console.print(f"the recorder was started again: {', '.join(escape(str(bag)) for bag in result_bags)}")
 
 
-def _start(graph: LiveGraph, operator: LiveOperator, spin: Callable[[], None], stopped: Callable[[], bool]) -> None:
+def _start(graph: LiveGraph, operator: LiveOperator, go_on: Callable[[], None], stopped: Callable[[], bool]) -> None:
     """Start every node, the recorder before the others, and wait until the rover could drive."""
     deadline_s = time.monotonic() + READY_LIMIT_S
     for name in graph.nodes:
         graph.start(name)
         if name == "recorder":
-            _await(operator.unrecorded_request, graph, spin, stopped, deadline_s)
-    _await(operator.missing, graph, spin, stopped, deadline_s)
+            _await(operator.unrecorded_request, graph, go_on, stopped, deadline_s)
+    _await(operator.missing, graph, go_on, stopped, deadline_s)
 
 
 def _await(
     missing: Callable[[], list[str]],
     graph: LiveGraph,
-    spin: Callable[[], None],
+    go_on: Callable[[], None],
     stopped: Callable[[], bool],
     deadline_s: float,
 ) -> None:
     while what := missing():
-        spin()
-        graph.poll()
+        go_on()
         if stopped():
             raise LiveRunError("stopped before the rover drove")
         if time.monotonic() > deadline_s:
@@ -154,13 +164,36 @@ def _refuse_strangers(operator: LiveOperator, spin: Callable[[], None]) -> None:
     end_s = time.monotonic() + DISCOVERY_S
     while time.monotonic() < end_s:
         spin()
-    strangers = operator.strangers()
-    if strangers:
-        domain = os.environ.get("ROS_DOMAIN_ID", "0")
-        raise OtherGraphError(
-            f"another graph runs in ROS domain {domain}: {', '.join(strangers)}; "
-            f"end it, or use another domain: ROS_DOMAIN_ID={(int(domain) + 1) % 100} strap_rover demo --live"
-        )
+        if strangers := operator.strangers():
+            raise _other_graph(", ".join(strangers))
+
+
+def _other_graph(what: str) -> OtherGraphError:
+    domain = _domain()
+    return OtherGraphError(
+        f"another graph runs in ROS domain {domain}: {what}; "
+        f"end it, or use another domain: ROS_DOMAIN_ID={(domain + 1) % 100} strap_rover demo --live"
+    )
+
+
+def _domain() -> int:
+    try:
+        return int(os.environ.get("ROS_DOMAIN_ID") or 0)
+    except ValueError as error:
+        raise OtherGraphError(f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']}: give a whole number, 0 to 101") from error
+
+
+@contextmanager
+def _domain_lock() -> Iterator[None]:
+    """One live demo per domain of this machine, found out at once, where discovery takes its time."""
+    try:
+        lock = FileLock(Path(tempfile.gettempdir()) / "strap_rover" / f"live_domain_{_domain()}.lock")
+    except LockHeldError as error:
+        raise _other_graph("a live demo of this machine") from error
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def _in_words(operator: LiveOperator) -> str:

@@ -5,7 +5,6 @@ opens the port next. Opening: counted as a `session`, since it resets a real Uno
 termios, so the speed that the driver has set is known, and bytes sent at another come out as garbage.
 """
 
-import fcntl
 import os
 import pty
 import select
@@ -15,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+from strap_rover.file_lock import FileLock, LockHeldError
 from strap_rover.settings import SettingsError
 from strap_sensor_driver.link import LinkClosedError
 
@@ -45,7 +45,7 @@ class PtyPort:
         try:
             self.plug()
         except OSError as error:
-            os.close(self._lock)
+            self._lock.release()
             raise SettingsError([f"port {path}: no link can be made: {error.strerror}; give another folder"]) from error
 
     @property
@@ -79,7 +79,7 @@ class PtyPort:
 
     def write(self, data: bytes, now_ns: int) -> None:  # noqa: ARG002 - a pty delivers at once
         """Send to whoever has the port open. LinkClosedError after `close`."""
-        if self._lock < 0:
+        if not self._lock.is_held:
             raise LinkClosedError(f"port {self._path} is closed")
         if self._master is None or not self._is_heard:
             self.dropped_bytes += len(data)
@@ -121,30 +121,22 @@ class PtyPort:
     def close(self) -> None:
         """Unplug for good; doing it twice is harmless."""
         self.unplug()
-        if self._lock >= 0:
-            os.close(self._lock)
-            self._lock = -1
+        self._lock.release()
 
-    def _locked(self) -> int:
-        """A lock that goes with the process, however that ends, so that two worlds do not serve one port."""
+    def _locked(self) -> FileLock:
+        """So that two worlds do not serve one port."""
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            lock = os.open(
-                self._path.with_name(f"{self._path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600
-            )
+            lock = FileLock(self._path.with_name(f"{self._path.name}.lock"))
+        except LockHeldError as error:
+            raise SettingsError(
+                [f"port {self._path}: another simulation serves it; end that one, or give another `port`"]
+            ) from error
         except OSError as error:
             raise SettingsError(
                 [f"port {self._path}: {error.strerror}; give a folder that this user can write to"]
             ) from error
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            os.close(lock)
-            raise SettingsError(
-                [f"port {self._path}: another simulation serves it; end that one, or give another `port`"]
-            ) from error
         if self._path.exists() and not self._path.is_symlink():
-            os.close(lock)
+            lock.release()
             raise SettingsError([f"port {self._path}: something else stands there; give another `port`"])
         return lock
 
