@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 import strap_rover
+from missions.case_studies.catalogue import STUDIES
 from missions.plan import CONTROLLERS, RunPlan, plan_run
 from missions.stop_request import StopRequest
 from sim_bridge.scenarios import SCENARIOS
@@ -16,7 +17,6 @@ from strap_rover.installed_data import InstalledDataError
 from strap_rover.settings import SettingsError, settings_from_mapping
 
 EXIT_OK, EXIT_FAILED, EXIT_ASKED_WRONGLY, EXIT_STOPPED = 0, 1, 2, 130
-STUDIES = ("mars_snag",)
 
 
 def run_command(arguments: Sequence[str] | None, stop: StopRequest) -> int:
@@ -87,7 +87,9 @@ def parser() -> argparse.ArgumentParser:
     study = commands.add_parser("case_study", help="many runs of one question, as a table")
     study.add_argument("study", choices=("all", *STUDIES), metavar="NAME", help=f"all, {', '.join(STUDIES)}")
     study.add_argument("--out", type=Path, metavar="DIR", help="empty folder for the results")
-    study.add_argument("--runs", type=int, metavar="N", help="randomised members of the family")
+    study.add_argument(
+        "--runs", type=int, metavar="N", help="randomised members or repetitions (default: the study's own)"
+    )
     study.add_argument("--short", action="store_true", help="a few runs only, to see that it works")
     study.set_defaults(command=_case_study)
     return top
@@ -180,17 +182,26 @@ def _watch(options: argparse.Namespace, console: Console, stop: StopRequest) -> 
 
 
 def _case_study(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:
-    from missions.case_studies.mars_snag import run_study  # noqa: PLC0415 - only needed here
     from missions.demo import OutputFolderError, output_folder  # noqa: PLC0415
+    from missions.live_demo import LiveRunError, OtherGraphError  # noqa: PLC0415 - ROS is slow
+    from missions.live_graph import NodeDiedError  # noqa: PLC0415
 
     if options.runs is not None and not 1 <= options.runs <= 100_000:
         return _complain(f"--runs {options.runs}: give a whole number from 1 to 100000", EXIT_ASKED_WRONGLY)
-    runs = options.runs or (2 if options.short else 50)
+    chosen = tuple(STUDIES) if options.study == "all" else (options.study,)
+    ended_well = True
     try:
-        folder = output_folder(options.out, "case_study-mars_snag")
-    except OutputFolderError as error:
+        for name in chosen:
+            out = options.out / name if options.out is not None and len(chosen) > 1 else options.out
+            folder = output_folder(out, f"case_study-{name}")
+            ended_well &= STUDIES[name](folder, console, stop, options.short, options.runs)
+            if stop():
+                return EXIT_STOPPED
+    except (OutputFolderError, OtherGraphError) as error:
         return _complain(error, EXIT_ASKED_WRONGLY)
-    return EXIT_OK if run_study(folder, runs, console, stop) else EXIT_STOPPED
+    except (LiveRunError, NodeDiedError) as error:
+        return _complain(error, EXIT_STOPPED if stop() else EXIT_FAILED)
+    return EXIT_OK if ended_well else EXIT_FAILED
 
 
 def _complain(error: object, code: int) -> int:

@@ -2,9 +2,10 @@
 
 import os
 import shutil
+import signal
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,8 +60,11 @@ def run_live(
     stopped: Callable[[], bool] = never,
     *,
     executor: str = "events",
+    end_signals: Sequence[signal.Signals] = (signal.SIGINT,),
 ) -> LiveResult:
     """Drive `plan` for its duration on wall time, or until `stopped()`, into `folder`; ends every process.
+
+    `end_signals` are what each process is sent in the end, one after the other.
 
     Raises:
         OtherGraphError: another graph commands wheels in this ROS domain.
@@ -104,7 +108,7 @@ def run_live(
             }
             is_complete = not stopped()
             progress.update(task, description="ending the nodes")
-            exit_codes = graph.end()
+            exit_codes = graph.end(end_signals)
             deaths = {name: node.died for name, node in graph.nodes.items()}
         progress.update(task, description="reading the bag back, drawing")
         bag = graph.bags()[-1]  # of the recorder that ended well; one that was killed left its bag cut off

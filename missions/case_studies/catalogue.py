@@ -1,0 +1,26 @@
+"""Every case study by name, each called in the same way."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from rich.console import Console
+
+Study = Callable[[Path, Console, Callable[[], bool], bool, int | None], bool]
+"""(folder, console, stopped, short, runs) -> whether it came to its end, and well; `runs` None: as many as it likes."""
+
+
+def _mars_snag(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
+    from missions.case_studies.mars_snag import run_study  # noqa: PLC0415 - only needed here
+
+    return run_study(folder, runs or (2 if short else 50), console, stopped)
+
+
+def _live_endurance(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
+    from missions.case_studies.live_endurance import run_study  # noqa: PLC0415 - only needed here
+
+    return run_study(folder, console, stopped, short=short, runs=runs)
+
+
+STUDIES: Mapping[str, Study] = MappingProxyType({"mars_snag": _mars_snag, "live_endurance": _live_endurance})
+"""In the order in which `all` runs them."""
