@@ -2,7 +2,6 @@
 
 import json
 import struct
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -33,6 +32,8 @@ class LiveReport:
     """DATA frames of all boards."""
     frames_lost: int
     """Gaps in their sequence numbers."""
+    board_restarts: int
+    """How often their sequence numbers began anew; also when the simulated world had been stopped for long."""
     commands_hz: float
     """Mean rate of wheel commands."""
     longest_command_gap_ms: float
@@ -80,13 +81,14 @@ def live_report(
         else:
             times_ns.append(message.publish_time_ns)
     span_s = (times_ns[-1] - times_ns[0]) / NS if len(times_ns) > 1 else 0.0
-    frames, lost = count_frames(payloads)
+    frames, lost, restarts = count_frames(payloads)
     ledger = summary.custom_data.get(LOSS_KEY)
     losses = json.loads(ledger) if ledger else {}
     return LiveReport(
         duration_s=round(span_s, 3),
         frames=frames,
         frames_lost=lost,
+        board_restarts=restarts,
         commands_hz=round((len(times_ns) - 1) / span_s, 3) if span_s else 0.0,
         longest_command_gap_ms=round(max((after - at for at, after in pairwise(times_ns)), default=0) / 1e6, 3),
         messages=summary.message_count,
@@ -97,19 +99,23 @@ def live_report(
     )
 
 
-def count_frames(payloads: Iterable[bytes]) -> tuple[int, int]:
-    """How many DATA frames there are, and how many are missing between them by their sequence numbers, per board.
+def count_frames(payloads: Iterable[bytes]) -> tuple[int, int, int]:
+    """How many DATA frames there are, how many are missing between them, and how often a board began anew.
 
-    A board that restarted begins with 0 anew, which is no gap.
+    By the sequence numbers of each board. One that begins with 0 anew before its numbers had run out has restarted;
+    what it had sent last is then not known to be missing.
     """
     last: dict[int, int] = {}
-    counts: Counter[str] = Counter()
+    frames = lost = restarts = 0
     for payload in payloads:
         kind, board, sequence = _HEAD.unpack_from(payload)
         if kind != TYPE_DATA:
             continue
-        counts["frames"] += 1
-        if board in last and sequence:
-            counts["lost"] += (sequence - last[board] - 1) & 0xFFFF
+        frames += 1
+        gap = (sequence - last.get(board, sequence - 1) - 1) & 0xFFFF
+        if sequence == 0 and gap:
+            restarts += 1
+        else:
+            lost += gap
         last[board] = sequence
-    return counts["frames"], counts["lost"]
+    return frames, lost, restarts

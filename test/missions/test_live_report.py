@@ -29,16 +29,17 @@ HELLO = struct.pack("<BBH", 1, 1, 0) + bytes(28)
 @pytest.mark.parametrize(
     ("payloads", "expected"),
     [
-        ([], (0, 0)),
-        ([data(1, n) for n in range(10)], (10, 0)),
-        ([data(1, 5), HELLO, data(1, 6)], (2, 0)),
-        ([data(1, 5), data(2, 90), data(1, 6), data(2, 91)], (4, 0)),
-        ([data(1, 65534), data(1, 65535), data(1, 0), data(1, 1)], (4, 0)),
-        ([data(1, 5), data(1, 7), data(1, 11)], (3, 4)),
-        ([data(1, 65530), data(1, 2)], (2, 7)),
-        ([data(1, 900), data(1, 0), data(1, 1)], (3, 0)),
+        ([], (0, 0, 0)),
+        ([data(1, n) for n in range(10)], (10, 0, 0)),
+        ([data(1, 5), HELLO, data(1, 6)], (2, 0, 0)),
+        ([data(1, 5), data(2, 90), data(1, 6), data(2, 91)], (4, 0, 0)),
+        ([data(1, 65534), data(1, 65535), data(1, 0), data(1, 1)], (4, 0, 0)),
+        ([data(1, 5), data(1, 7), data(1, 11)], (3, 4, 0)),
+        ([data(1, 65530), data(1, 2)], (2, 7, 0)),
+        ([data(1, 900), data(1, 0), data(1, 1)], (3, 0, 1)),
+        ([data(1, 0), data(2, 0), data(1, 1)], (3, 0, 0)),
     ],
-    ids=["none", "all", "a hello between", "two boards", "wrap", "gaps", "gap over the wrap", "restart"],
+    ids=["none", "all", "a hello between", "two boards", "wrap", "gaps", "gap over the wrap", "restart", "begin"],
 )
 def test_frames_and_gaps(payloads, expected):
     assert count_frames(payloads) == expected
