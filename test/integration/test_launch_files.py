@@ -390,6 +390,19 @@ def test_the_names_that_udev_gives_are_those_the_driver_opens():
             assert {'GROUP="dialout"', 'MODE="0660"', 'ENV{ID_MM_DEVICE_IGNORE}="1"'} <= set(rule)
 
 
+@pytest.mark.ros
+def test_the_urdf_can_be_given_as_a_parameter(ros_context):
+    """As docs/on_a_rover.md does: rcl reads it as YAML, in which a colon or a hash might begin something else."""
+    urdf = (CONFIG / "ros2_control" / "mock_wheels.urdf").read_text(encoding="utf-8")
+    arguments = ["--ros-args", "-p", f"robot_description:={urdf}"]
+    node = rclpy.create_node("robot_state_publisher", context=ros_context, cli_args=arguments)
+    given = ET.fromstring(node.declare_parameter("robot_description", "").value)
+    node.destroy_node()
+    assert [joint.get("name") for joint in given.iter("joint")] == [
+        joint.get("name") for joint in ET.fromstring(urdf).iter("joint")
+    ]
+
+
 def test_ros2_control_has_the_wheels_of_the_rover_in_their_order():
     controllers = yaml.safe_load((CONFIG / "ros2_control" / "controllers.yaml").read_text(encoding="utf-8"))
     rover = load_rover("curiosity")
