@@ -125,7 +125,8 @@ def print_report(result: LiveResult, console: Console) -> None:
     """How the graph went, for a person."""
     report = result.report
     table = Table(show_header=False, box=None, padding=(0, 2))
-    table.add_row("frames", f"{report.frames}, {report.frames_lost} lost")
+    restarts = f", boards restarted {report.board_restarts} x" if report.board_restarts else ""
+    table.add_row("frames", f"{report.frames}, {report.frames_lost} lost{restarts}")
     table.add_row("wheel commands", f"{report.commands_hz:.1f} Hz, longest gap {report.longest_command_gap_ms:.0f} ms")
     table.add_row("bag", f"{report.messages} messages, {report.messages_lost} lost")
     for name, code in report.exit_codes.items():
