@@ -101,9 +101,15 @@ class Snapshot:
         )
 
     @property
+    def known(self) -> int:
+        """How many topics and nodes were heard, or are a problem."""
+        heard = [*(heard for _, heard in self.expected), self.speed_request]
+        return sum(one is not None for one in heard) + len(self.nodes) + len(self.problems)
+
+    @property
     def is_empty(self) -> bool:
         """Nothing at all was heard."""
-        return not (self.nodes or self.problems or self.speed_request or any(heard for _, heard in self.expected))
+        return not self.known
 
     @property
     def silence_s(self) -> float | None:

@@ -44,8 +44,8 @@ PICTURE_PERIOD_S = 0.2
 LINE_PERIOD_S = 1.0
 HIGHEST_DOMAIN = 232
 """The ports of higher domains do not exist."""
-_SETTLE_S = 0.5
-"""How long after the first message a single picture waits for publishers still to be found."""
+_SETTLE_S = 1.0
+"""How long a single picture waits for topics and nodes still to be found, from when the last one was."""
 _DIAGNOSTICS_DEPTH = 100
 """Every node reports there, so the newest message alone would be one node's."""
 _STAMP = slice(len(LITTLE_ENDIAN), AFTER_STAMP)
@@ -301,14 +301,15 @@ def watch_once(console: Console, stopped: Callable[[], bool], wait_s: float) -> 
     Raises NothingHeardError when there was nothing, SettingsError when the environment's ROS_DOMAIN_ID is none.
     """
     with _listening() as listener:
-        begin_s = now_s = time.monotonic()
-        first_s: float | None = None
+        begin_s = grown_s = time.monotonic()
+        known = 0
         while True:
             snapshot = listener.snapshot()
             now_s = time.monotonic()
-            if first_s is None and not snapshot.is_empty:
-                first_s = now_s
-            settled = first_s is not None and now_s >= first_s + _SETTLE_S and listener.is_complete()
+            before, known = known, snapshot.known
+            if known > before:
+                grown_s = now_s
+            settled = known and now_s >= grown_s + _SETTLE_S and listener.is_complete()
             if settled or now_s >= begin_s + wait_s:
                 break
             if stopped():
