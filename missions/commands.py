@@ -133,6 +133,8 @@ def _demo_live(plan: RunPlan, folder: Path, executor: str, console: Console, sto
         return _complain(error, EXIT_STOPPED if stop() else EXIT_FAILED)
     print_result(result.demo, console)
     print_report(result, console)
+    if result.failure:
+        return _complain(result.failure, EXIT_FAILED)
     if not result.demo.complete:
         return EXIT_STOPPED
     return EXIT_OK if result.report.is_clean else EXIT_FAILED

@@ -19,7 +19,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from missions.demo import PICTURE, SUMMARY, DemoResult, run_progress
-from missions.live_graph import BAG, LiveGraph
+from missions.live_graph import BAG, LiveGraph, NodeDiedError
 from missions.live_report import LiveReport, live_report
 from missions.operator_node import LiveOperator
 from missions.picture import draw_run
@@ -28,6 +28,8 @@ from missions.run_log import run_log_from_bag
 from missions.stop_request import never
 from missions.summary import summarize, write_summary
 from strap_rover.file_lock import FileLock, LockHeldError
+from strap_rover.flight_recorder.bag_format import BagError
+from strap_rover.flight_recorder.bag_reader import read_bag_summary
 
 READY_LIMIT_S = 90.0
 """Time the graph has to be ready: on the very first start every node compiles its laws."""
@@ -51,6 +53,8 @@ class LiveResult:
 
     demo: DemoResult
     report: LiveReport
+    failure: str
+    """Why it ended early by itself; empty when it did not."""
 
 
 def run_live(
@@ -68,7 +72,7 @@ def run_live(
 
     Raises:
         OtherGraphError: another graph commands wheels in this ROS domain.
-        NodeDiedError: a node died again and again, or its settings were refused.
+        NodeDiedError: before it drove, a node died again and again or its settings were refused.
         LiveRunError: the graph was not ready in time, or was stopped before it drove.
         BagError: the bag cannot be read back.
     """
@@ -94,31 +98,76 @@ def run_live(
                 for news in graph.poll():
                     console.print(f"[bold red]{escape(news)}[/]")
 
+            def show(elapsed_s: float, words: str) -> None:
+                progress.update(task, completed=elapsed_s, description=words)
+
             _start(graph, operator, go_on, stopped)
-            operator.drive()
-            origin_ns, begin_s = operator.now_ns(), time.monotonic()
-            cpu_before = {name: node.cpu_s() for name, node in graph.nodes.items()}
-            while (elapsed_s := time.monotonic() - begin_s) < plan.duration_s and not stopped():
-                go_on()
-                progress.update(task, completed=elapsed_s, description=_in_words(operator))
-            cpu_share = {
-                name: (node.cpu_s() - cpu_before[name]) / elapsed_s
-                for name, node in graph.nodes.items()
-                if node.is_running and not node.died
-            }
-            is_complete = not stopped()
+            drive = _drive(graph, operator, go_on, stopped, show, plan.duration_s)
             progress.update(task, description="ending the nodes")
             exit_codes = graph.end(end_signals)
-            deaths = {name: node.died for name, node in graph.nodes.items()}
         progress.update(task, description="reading the bag back, drawing")
-        bag = graph.bags()[-1]  # of the recorder that ended well; one that was killed left its bag cut off
-        report = live_report(bag, origin_ns, exit_codes, deaths, cpu_share)
+        bag = _last_whole(graph.bags())
+        report = live_report(
+            bag, drive.origin_ns, exit_codes, {name: node.died for name, node in graph.nodes.items()}, drive.cpu_share
+        )
         (folder / LIVE_REPORT).write_text(report.to_json(), encoding="utf-8")
-        log = run_log_from_bag(bag, plan.rover.wheel_names, origin_ns)
+        log = run_log_from_bag(bag, plan.rover.wheel_names, drive.origin_ns)
         summary = summarize(plan, log)
         write_summary(summary, folder / SUMMARY)
         draw_run(log, summary, folder / PICTURE)
-    return LiveResult(DemoResult(folder, summary, is_complete), report)
+    is_complete = not (stopped() or drive.failure)
+    return LiveResult(DemoResult(folder, summary, is_complete), report, drive.failure)
+
+
+@dataclass(frozen=True, slots=True)
+class _Drive:
+    """How driving went."""
+
+    origin_ns: int
+    """When it began [ns]."""
+    cpu_share: dict[str, float]
+    """Of one core, of each node that lived through it."""
+    failure: str
+    """Why it ended early; empty when it did not, or was stopped."""
+
+
+def _drive(
+    graph: LiveGraph,
+    operator: LiveOperator,
+    go_on: Callable[[], None],
+    stopped: Callable[[], bool],
+    show: Callable[[float, str], None],
+    duration_s: float,
+) -> _Drive:
+    """Drive for `duration_s`, or until it is stopped or a node dies once too often."""
+    operator.drive()
+    origin_ns, begin_s = operator.now_ns(), time.monotonic()
+    cpu_before = {name: node.cpu_s() for name, node in graph.nodes.items()}
+    failure = ""
+    try:
+        while (elapsed_s := time.monotonic() - begin_s) < duration_s and not stopped():
+            go_on()
+            show(elapsed_s, _in_words(operator))
+    except NodeDiedError as error:
+        failure = str(error)
+    share = {
+        name: (node.cpu_s() - cpu_before[name]) / (time.monotonic() - begin_s)
+        for name, node in graph.nodes.items()
+        if node.is_running and not node.died
+    }
+    return _Drive(origin_ns, share, failure)
+
+
+def _last_whole(bags: Sequence[Path]) -> Path:
+    """The last bag that can be read: a recorder that was killed left one that is cut off. BagError when none can."""
+    for bag in reversed(bags):
+        try:
+            if read_bag_summary(bag).message_count:
+                return bag
+        except BagError:
+            continue
+    read_bag_summary(bags[0])  # says what is wrong with it
+    raise BagError(bags[0], "holds no message", "look into the logs beside it")
 
 
 def print_report(result: LiveResult, console: Console) -> None:

@@ -2,7 +2,9 @@
 
 import json
 import os
+import shutil
 import signal
+import subprocess
 import time
 from pathlib import Path
 
@@ -136,3 +138,31 @@ def test_it_does_not_start_beside_another_graph(live, strap_rover_command, tmp_p
     assert "Traceback" not in err + out
     run.child.process.send_signal(signal.SIGINT)
     run.child.wait(60.0)
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 4 MB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(disk)]
+    mounted = subprocess.run(command, capture_output=True, check=False) if shutil.which("mount") else None
+    if mounted is None or mounted.returncode:
+        pytest.skip("no tmpfs can be mounted here")
+    yield disk
+    subprocess.run(["umount", "--lazy", str(disk)], check=True)
+
+
+def test_on_a_full_disk_it_ends_in_words_with_what_was_saved(strap_rover_command, small_disk):
+    run = Live(strap_rover_command, small_disk / "run", "--duration", 60)
+    run.until_it_records()
+    (small_disk / "filler").write_bytes(bytes(shutil.disk_usage(small_disk).free - 600_000))
+    code, out, err = run.child.wait(120.0)
+    assert code == 1
+    assert "Traceback" not in err + out
+    assert err.startswith("strap_rover: recorder ended by itself")
+    assert "no room for a bag file" in err
+    assert len(err.splitlines()) == 1
+    assert "the disk is full; the bag is complete" in " ".join(out.split())
+    assert read_bag_summary(small_disk / "run" / "bag").message_count > 100
+    run.until_all_are_gone()
