@@ -38,7 +38,17 @@ SOIL = SoilMessages(ROVER.wheel_names)
 TRACTION = TractionMessages(ROVER.wheel_names)
 INPUTS = (topics.WHEEL_STATES, topics.ODOM, topics.CMD_VEL, topics.SOIL_STATE, topics.CONTACT_ANGLES)
 OUTPUTS = (topics.WHEEL_COMMANDS, topics.TRACTION_COMMANDS, topics.TRACTION_STATE, topics.DIAGNOSTICS)
-QUICK = TractionParameters(acceleration_limit_radps2=0.0, retries_max=0, wait_s=0.0)
+PATIENT = TractionParameters(
+    acceleration_limit_radps2=0.0,
+    retries_max=0,
+    wait_s=0.0,
+    sensor_timeout_s=10.0,
+    odometry_timeout_s=10.0,
+    encoder_timeout_s=10.0,
+    command_timeout_s=60.0,
+    soil_state_timeout_s=10.0,
+)
+"""For live tests: quick, and with time-outs that a busy machine does not reach."""
 
 
 def inputs(stamp_ns, angle=0.0, speed_mps=0.4, slip_max=0.2):
@@ -267,17 +277,17 @@ def test_numbers_that_are_not_finite_are_left_out(bench):
 
 
 class Live(Bench):
-    """A live controller on its executor; the wheels turn while `feeding`, and the rover moves or not."""
+    """A live controller on its executor; the rover moves, or its wheels turn on the spot."""
 
     def __init__(self, context, wait_until):
-        super().__init__(context, wait_until, QUICK, self_ticking=True)
+        super().__init__(context, wait_until, PATIENT, self_ticking=True)
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self.node)
         self.angle = 0.0
         self.speed_mps = 0.5
 
     def spin(self):
-        self.angle += 0.05
+        self.angle += 0.0 if self.speed_mps else 0.5  # wheels that turn on the spot stall within two rounds
         self.send(messages(inputs(self.node.now_ns(), self.angle, self.speed_mps)))
         for _ in range(8):
             self._executor.spin_once(timeout_sec=0.002)
@@ -286,6 +296,9 @@ class Live(Bench):
     def until_mode(self, mode):
         heard = self.heard["traction/state"]
         self._wait_until(lambda: heard and self.state.state is mode, self.spin)
+
+    def until_the_wheels_stand(self):
+        self._wait_until(lambda: not any(self.heard["wheel_commands"][-1].data), self.spin)
 
     def call(self, kind, name, request):
         client = self.peer.create_client(kind, f"/traction_controller/{name}")
@@ -308,22 +321,22 @@ def test_live_it_commands_on_every_record_of_angles(live, wait_until):
     live.until_mode(TractionMode.DRIVE)
     assert live.node.published["wheel_commands"] >= live.node.received["strap/contact_angles"]
     assert live.node.published["wheel_commands"] == live.node.published["traction/commands"]
-    assert max(live.heard["wheel_commands"][-1].data) > 0.0
+    wait_until(lambda: max(live.heard["wheel_commands"][-1].data) > 0.0, live.spin)
 
 
 def test_live_it_goes_on_commanding_when_no_angles_come(live, wait_until):
     live.until_mode(TractionMode.DRIVE)
+    live.node.set_parameters([Parameter("sensor_timeout_s", value=0.1)])
     received, published = live.node.received["strap/contact_angles"], live.node.published["wheel_commands"]
     wait_until(
         lambda: live.node.published["wheel_commands"] >= published + 20,
         lambda: (live._executor.spin_once(timeout_sec=0.005), live.peer.drain()),
     )
-    assert live.node.received["strap/contact_angles"] - received <= 2  # what was still under way
+    assert live.node.received["strap/contact_angles"] - received <= 5  # what the queue held
     wait_until(
-        lambda: live.state.fault is Fault.SENSOR_LATE,
+        lambda: live.state.fault is Fault.SENSOR_LATE and not any(live.heard["wheel_commands"][-1].data),
         lambda: (live._executor.spin_once(timeout_sec=0.005), live.peer.drain()),
     )
-    assert list(live.heard["wheel_commands"][-1].data) == [0.0] * 6
 
 
 def test_the_hold_service_stops_the_rover_and_lets_it_go(live):
@@ -331,7 +344,7 @@ def test_the_hold_service_stops_the_rover_and_lets_it_go(live):
     answer = live.call(SetBool, "hold", SetBool.Request(data=True))
     assert (answer.success, answer.message) == (True, "holding")
     live.until_mode(TractionMode.STANDBY)
-    assert list(live.heard["wheel_commands"][-1].data) == [0.0] * 6
+    live.until_the_wheels_stand()
     answer = live.call(SetBool, "hold", SetBool.Request(data=False))
     assert (answer.success, answer.message) == (True, "released")
     live.until_mode(TractionMode.DRIVE)
@@ -341,7 +354,7 @@ def test_the_reset_service_leaves_halt(live):
     live.until_mode(TractionMode.DRIVE)
     live.speed_mps = 0.0  # the wheels turn, the rover does not move, and no retry is allowed
     live.until_mode(TractionMode.HALT)
-    assert list(live.heard["wheel_commands"][-1].data) == [0.0] * 6
+    live.until_the_wheels_stand()
     status = live.diagnostics()["traction_controller: traction"]
     assert status.level == bytes([HealthLevel.ERROR])
     assert status.message.startswith("no retry is left: free the rover, then call ~/reset")
