@@ -58,6 +58,9 @@ _ENCODER_AHEAD_NS = 50_000_000
 _LONGEST_TICK_NS = 1_000_000_000
 """What ages between two ticks ages by this at most: more is a step of the host clock."""
 
+_NOBODY_WATCHED_NS = -(1 << 62)
+"""Time of the scan before, where there was none to watch the wheel by; also where time starts at 0."""
+
 _VALID = int(ContactStatus.VALID)
 _PREDICTED = int(ContactStatus.PREDICTED)
 _NO_CONTACT = int(ContactStatus.NO_CONTACT)
@@ -442,7 +445,7 @@ class _Wheel:
         self.anchor_a_v = self.anchor_b_v = -math.inf
         self.anchor_a_encoder = self.anchor_b_encoder = self.equal_encoder = 0.0
         self.seam_encoder: float | None = None
-        self.scan_ns = -(1 << 62)  # nobody watched before the first scan, also where time starts at 0
+        self.scan_ns = _NOBODY_WATCHED_NS
         self.last_status = self.scan_status = _NO_DATA
         self.v_a = self.v_b = 0.0
         self.start_tick()
@@ -472,8 +475,9 @@ class _Wheel:
         self.sum_b_v += v_b
         found, beta_1, beta_2 = locate(v_a, v_b, self.limits)
         if encoder is None or not 0 < scan.middle_ns - self.scan_ns <= _BROKEN_WATCH_NS:
-            self._forget_motion(0.0 if encoder is None else encoder)
-        self.scan_ns = scan.middle_ns
+            self._forget_motion(encoder or 0.0)
+        # Where nobody knows how the wheel stood there is nothing to watch the next scan against.
+        self.scan_ns = _NOBODY_WATCHED_NS if encoder is None else scan.middle_ns
         if encoder is None:
             status = _NO_CONTACT if found == _NO_CONTACT else _STALE_ENCODER
         else:

@@ -15,6 +15,7 @@ from rclpy.exceptions import NotInitializedException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.utilities import remove_ros_args
 
+from strap_rover.ros_shell.discovery import announce_often
 from strap_rover.ros_shell.quiet_start import hand_over, take_signals
 
 try:
@@ -43,6 +44,7 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
     """
     argv = list(sys.argv if args is None else args)
     take_signals()
+    announce_often()
     try:
         rclpy.init(args=argv)
     except (RCLError, UnknownROSArgsError) as error:
@@ -66,7 +68,8 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
         if rclpy.ok():  # otherwise the context went away under a call: a signal, not a fault
             raise
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in (signal.SIGINT, signal.SIGTERM):  # it is ending: whoever is impatient must not cut it short
+            signal.signal(number, signal.SIG_IGN)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()

@@ -458,6 +458,19 @@ def test_what_an_end_did_while_nobody_looked_is_not_held_against_it():
     assert [wheel.faults for wheel in rig.reader.health().wheels[:3]] == [0, 0, 0]
 
 
+def test_a_standing_wheel_whose_ends_read_the_same_is_not_taken_to_float_because_its_encoder_came_late():
+    """As after a restart of the driver on a rover that has come far: the first scans know no position."""
+    rig = Rig(speed=0.0)
+    rig.position = 20.999
+    rig.damage = lambda _board, _sums: [2200] * 6
+    rig.encoder_on = False
+    assert set(_statuses(rig.run(20), 4)) == {ContactStatus.STALE_ENCODER}
+    rig.encoder_on = True
+    readings = rig.run(20)
+    assert ContactStatus.FAULT_FLOATING not in _statuses(readings, 4)
+    assert _statuses(readings, 4)[-1] is ContactStatus.VALID
+
+
 def test_a_wheel_in_the_air_stays_there_when_a_scan_is_missing():
     rig = Rig()
     rig.until_valid()
