@@ -1,6 +1,7 @@
 """Processes of this package, as a user starts them."""
 
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -64,3 +65,16 @@ def start(tmp_path, domain_id):
 def strap_rover_command(start):
     """Start the `strap_rover` command."""
     return lambda *arguments, **keywords: start("-m", "missions.command_line", *arguments, **keywords)
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 6 MB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=6m", "tmpfs", str(disk)]
+    mounted = subprocess.run(command, capture_output=True, check=False) if shutil.which("mount") else None
+    if mounted is None or mounted.returncode:
+        pytest.skip("no tmpfs can be mounted here")
+    yield disk
+    subprocess.run(["umount", "--lazy", str(disk)], check=True)

@@ -6,7 +6,6 @@ import pty
 import re
 import resource
 import select
-import shutil
 import signal
 import subprocess
 import sys
@@ -146,19 +145,6 @@ def test_a_file_that_may_not_grow_ends_it_in_words_and_what_was_saved_can_be_res
         except (EndOfFile, McapError):
             pass  # where the file was cut off
     assert found >= int(saved) > 1000
-
-
-@pytest.fixture
-def small_disk(tmp_path):
-    """A disk of 6 MB."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=6m", "tmpfs", str(disk)]
-    mounted = subprocess.run(command, capture_output=True, check=False) if shutil.which("mount") else None
-    if mounted is None or mounted.returncode:
-        pytest.skip("no tmpfs can be mounted here")
-    yield disk
-    subprocess.run(["umount", str(disk)], check=True)
 
 
 def test_a_full_disk_ends_it_in_words_and_the_bag_is_whole(strap_rover_command, small_disk):

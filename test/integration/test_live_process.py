@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import time
 from pathlib import Path
 
@@ -138,19 +137,6 @@ def test_it_does_not_start_beside_another_graph(live, strap_rover_command, tmp_p
     assert "Traceback" not in err + out
     run.child.process.send_signal(signal.SIGINT)
     run.child.wait(60.0)
-
-
-@pytest.fixture
-def small_disk(tmp_path):
-    """A disk of 4 MB."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(disk)]
-    mounted = subprocess.run(command, capture_output=True, check=False) if shutil.which("mount") else None
-    if mounted is None or mounted.returncode:
-        pytest.skip("no tmpfs can be mounted here")
-    yield disk
-    subprocess.run(["umount", "--lazy", str(disk)], check=True)
 
 
 def test_on_a_full_disk_it_ends_in_words_with_what_was_saved(strap_rover_command, small_disk):
