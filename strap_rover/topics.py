@@ -256,8 +256,7 @@ def scalar_names(row: Topic, wheels: tuple[str, ...]) -> tuple[str, ...]:
 
 def wheel_matrix(row: Topic, record: object) -> FloatArray:
     """The per-wheel quantities of a record in the contract's order, shape (W, Q): fields are named as quantities."""
-    columns = [getattr(record, quantity.name) for quantity in row.per_wheel]
-    return np.stack(columns, axis=1).astype(np.float64, copy=False)
+    return np.array([getattr(record, quantity.name) for quantity in row.per_wheel], dtype=np.float64).T
 
 
 def rover_vector(row: Topic, record: object) -> FloatArray:

@@ -1,6 +1,6 @@
 """Telemetry records <-> the standard messages they travel in, bit for bit."""
 
-from array import array
+import struct
 
 import numpy as np
 from geometry_msgs.msg import TwistStamped
@@ -11,6 +11,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
 from strap_rover.arrays import FloatArray, IntArray
+from strap_rover.ros_shell.cdr import LITTLE_ENDIAN
 from strap_rover.ros_shell.fixed_cdr import FixedCdr
 from strap_rover.ros_shell.joint_state_cdr import JointStateCdr
 from strap_rover.ros_shell.named_values import MessageError
@@ -21,6 +22,8 @@ from strap_rover.topics import WHEEL_COMMANDS
 BODY_FRAME = "base_link"
 WORLD_FRAME = "odom"
 _NOTHING = np.empty(0)
+_MULTI_ARRAY = struct.Struct("<4s4I")
+"""Head of a Float64MultiArray: encapsulation, no dimensions, no offset, number of values, padding."""
 
 # Odometry: position 3, orientation 4, covariance 36; linear 3, angular 3, covariance 36.
 _ODOMETRY = FixedCdr((WORLD_FRAME, BODY_FRAME), 85)
@@ -191,9 +194,9 @@ def speed_request(message: TwistStamped) -> SpeedRequest:
     return SpeedRequest(ns_from_time(message.header.stamp), message.twist.linear.x, message.twist.angular.z)
 
 
-def wheel_commands_message(commands: WheelCommands) -> Float64MultiArray:
-    """Speeds in joint order, as a ros2_control velocity controller takes them; the message has no stamp."""
-    return Float64MultiArray(data=array("d", commands.speed.tobytes()))
+def wheel_commands_message(commands: WheelCommands) -> bytes:
+    """Serialized speeds in joint order, as a ros2_control velocity controller takes them; the message has no stamp."""
+    return _MULTI_ARRAY.pack(LITTLE_ENDIAN, 0, 0, commands.speed.size, 0) + commands.speed.tobytes()
 
 
 def wheel_commands(message: Float64MultiArray, wheels: int, now_ns: int) -> WheelCommands:

@@ -6,6 +6,7 @@ import signal
 import sys
 
 import pytest
+from geometry_msgs.msg import TwistStamped
 from std_msgs.msg import Float64MultiArray
 
 import strap_rover
@@ -194,30 +195,32 @@ def messages_in(bag):
     return count
 
 
-def in_the_middle_of(monkeypatch, number, where):
-    """Raise signal `number` once, while the file `where` makes its 100th Float64MultiArray."""
-    plain, calls = Float64MultiArray.__init__, [0]
+def in_the_middle_of(monkeypatch, number, message_type, nth, where):
+    """Raise signal `number` once, while the file `where` makes its `nth` message of a type."""
+    plain, calls = message_type.__init__, [0]
 
     def signalling(self, *args, **kwargs):
         if sys._getframe(1).f_code.co_filename.endswith(where):
             calls[0] += 1
-            if calls[0] == 100:
+            if calls[0] == nth:
                 signal.raise_signal(number)
         plain(self, *args, **kwargs)
 
-    monkeypatch.setattr(Float64MultiArray, "__init__", signalling)
+    monkeypatch.setattr(message_type, "__init__", signalling)
 
 
 @pytest.mark.parametrize(
-    "where",
+    "place",
     [
-        "telemetry_messages.py",  # a message is built to be sent
-        "node_shell.py",  # rclpy builds a message to be received, and would turn KeyboardInterrupt into RuntimeError
+        (TwistStamped, 10, "telemetry_messages.py"),  # a message is built to be sent
+        # rclpy builds a message to be received, and would turn KeyboardInterrupt into RuntimeError
+        (Float64MultiArray, 100, "node_shell.py"),
     ],
+    ids=["sending", "receiving"],
 )
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["int", "term"])
-def test_a_signal_anywhere_in_a_run_keeps_what_is_done(tmp_path, capsys, monkeypatch, number, where):
-    in_the_middle_of(monkeypatch, number, where)
+def test_a_signal_anywhere_in_a_run_keeps_what_is_done(tmp_path, capsys, monkeypatch, number, place):
+    in_the_middle_of(monkeypatch, number, *place)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     assert main(["demo", "--duration", "30", "--out", str(tmp_path)]) == 130
     out, err = capsys.readouterr()

@@ -225,8 +225,12 @@ def test_speed_requests_come_back(stamp_ns, speed, yaw_rate):
 
 @given(hnp.arrays(np.float64, 6, elements=FINITE))
 def test_wheel_commands_come_back_with_the_receivers_time(speed):
-    back = telemetry.wheel_commands(sent(telemetry.wheel_commands_message(WheelCommands(1, speed))), 6, 77)
+    ours = telemetry.wheel_commands_message(WheelCommands(1, speed))
+    message = deserialize_message(ours, Float64MultiArray)
+    back = telemetry.wheel_commands(message, 6, 77)
     assert (back.stamp_ns, bits(back.speed)) == (77, bits(speed))
+    assert message == Float64MultiArray(data=speed.tolist())
+    assert len(serialize_message(message)) == len(ours)
 
 
 @pytest.mark.parametrize("bad", [[], [1.0] * 5, [1.0] * 7, [math.nan] * 6, [math.inf] + [0.0] * 5])
