@@ -38,7 +38,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml", "LICENSE"]),
-        *files_below("config", "*.yaml", "*.rules", "*.urdf"),
+        *files_below("config", "*.yaml", "*.rules", "*.urdf", "*.xml"),
         *files_below("launch", "*.launch.py"),
     ],
     python_requires=">=3.11",
