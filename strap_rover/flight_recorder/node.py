@@ -30,7 +30,7 @@ _SECOND_NS = 10**9
 
 
 class RecorderNode(NodeShell[RecorderSettings]):
-    """Records from construction to `destroy_node`; BagError when the bag cannot be begun, or later from its timer."""
+    """Records from construction to `destroy_node`; BagError when it cannot be begun; gives up when it fails later."""
 
     # What destroy_node has to close; the base class may call it before there is anything.
     _tap: Node | None = None
@@ -71,6 +71,12 @@ class RecorderNode(NodeShell[RecorderSettings]):
         self.get_logger().info(f"recording to {self.recorder.writer.directory}")
 
     def _poll(self) -> None:
+        try:
+            self._record()
+        except BagError as error:
+            self.give_up(error)
+
+    def _record(self) -> None:
         self.recorder.drain()
         now_s = time.monotonic()
         if now_s >= self._flush_due_s:

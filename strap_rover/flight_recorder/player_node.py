@@ -31,11 +31,11 @@ _ACKNOWLEDGED_WITHIN_NS = 1_000_000_000
 class PlayerNode(NodeShell[PlayerSettings]):
     """Plays from the first spin on and calls `at_end` when done. BagError or SettingsError when it cannot begin.
 
+    Where a damaged place ends it before the bag did, `failure` says so.
+
     `tell` and `warn` say what happens in words; by default they log.
     """
 
-    failure: BagError | None = None
-    """Why it ended before the bag did: a damaged place. Not raised, for rclpy would print what a callback raises."""
     _summary_due = False
 
     def __init__(
@@ -111,18 +111,11 @@ def _write_line(text: str) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the player; the exit code: 0 played or stopped by a signal, 2 cannot begin, 3 the bag is damaged inside."""
-    nodes: list[PlayerNode] = []
-
-    def make() -> PlayerNode:
-        nodes.append(PlayerNode(at_end=rclpy.try_shutdown))
-        return nodes[0]
-
-    code = run_node(make, args)
-    for node in nodes:
-        if node.failure is not None:
-            sys.stderr.write(f"{node.failure}\n")
-            return EXIT_BAG_ERROR
-    return code
+    try:
+        return run_node(lambda: PlayerNode(at_end=rclpy.try_shutdown), args)
+    except BagError as error:
+        sys.stderr.write(f"{error}\n")
+        return EXIT_BAG_ERROR
 
 
 if __name__ == "__main__":

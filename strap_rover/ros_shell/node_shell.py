@@ -71,6 +71,9 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
         SettingsError: on construction, with every problem of the parameters, unknown names included.
     """
 
+    failure: Exception | None = None
+    """What the node gave up for."""
+
     def __init__(
         self,
         name: str,
@@ -164,6 +167,14 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
                 executor.create_task(run)
 
         return wake
+
+    def give_up(self, error: Exception) -> None:
+        """Have the process end by `error`, which `run_node` raises once it spins no more.
+
+        Raised in a callback, an executor would print an account of its own first.
+        """
+        self.failure = error
+        self.context.try_shutdown()
 
     def _raise_soon(self, error: Exception) -> None:
         def raise_it() -> None:

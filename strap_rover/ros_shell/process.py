@@ -39,8 +39,8 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
     `--executor single` spins with rclpy's SingleThreadedExecutor instead of its EventsExecutor, which takes half the
     processor time and is still called experimental; an rclpy that has none gets `single` anyway.
     Returns 0 after a signal, 2 with plain words on stderr when arguments are wrong or the node cannot be made of its
-    parameters (ValueError, SettingsError among them). Any other exception, and a ValueError of the node once it is
-    made, is a bug and passes through.
+    parameters (ValueError, SettingsError among them). Raises what the node gave up for. Any other exception, and a
+    ValueError of the node once it is made, is a bug and passes through.
     """
     argv = list(sys.argv if args is None else args)
     take_signals()
@@ -63,7 +63,7 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
         while rclpy.ok():  # not EventsExecutor.spin(), which fires no timers
             executor.spin_once(timeout_sec=_POLL_S)
     except (KeyboardInterrupt, ExternalShutdownException):
-        return EXIT_OK
+        pass
     except (RCLError, InvalidHandle, NotInitializedException):
         if rclpy.ok():  # otherwise the context went away under a call: a signal, not a fault
             raise
@@ -73,6 +73,9 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+    failure: Exception | None = getattr(node, "failure", None)
+    if failure is not None:
+        raise failure
     return EXIT_OK
 
 
