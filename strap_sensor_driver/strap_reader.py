@@ -304,7 +304,7 @@ class _Scan(NamedTuple):
 class _Encoder:
     """The last encoder samples of all wheels, and the position between them."""
 
-    __slots__ = ("_angles", "_last", "_reach_ns", "_speeds", "_stamps", "_wheels", "rejected")
+    __slots__ = ("_angles", "_last", "_reach_ns", "_speeds", "_stamps", "_wheels", "goes_on", "rejected")
 
     def __init__(self, wheels: int, reach_ns: int) -> None:
         self._wheels = wheels
@@ -314,6 +314,8 @@ class _Encoder:
 
     def forget(self) -> None:
         """As if none had come; the count stays."""
+        self.goes_on = False
+        """Whether the newest sample tells how the wheels have turned since the one before."""
         self._last: WheelStates | None = None
         self._stamps: list[int] = []
         self._angles: list[list[float]] = []
@@ -337,6 +339,7 @@ class _Encoder:
             return
         if last is not None and states.stamp_ns < last.stamp_ns:  # the clock has stepped back
             self.forget()
+        self.goes_on = bool(self._stamps) and states.stamp_ns - self._stamps[-1] <= _BROKEN_WATCH_NS
         self._last = states
         self._stamps.append(states.stamp_ns)
         self._angles.append(angles)
@@ -450,9 +453,13 @@ class _Wheel:
         self.v_a = self.v_b = 0.0
         self.start_tick()
 
-    def follow(self, encoder: float) -> None:
-        """Believe a new direction of travel once the wheel has turned far enough against the one believed."""
-        ahead = 0.0 if self.farthest_encoder is None else encoder - self.farthest_encoder
+    def follow(self, encoder: float, goes_on: bool) -> None:
+        """Believe a new direction of travel once the wheel has turned far enough against the one believed.
+
+        Where the encoder does not go on from the sample before, nobody saw the wheel turn: the direction stays. What
+        sends wheel states may have been started anew meanwhile, and counts from elsewhere.
+        """
+        ahead = encoder - self.farthest_encoder if goes_on and self.farthest_encoder is not None else 0.0
         if self.reversing:
             ahead = -ahead
         if ahead < -self.settings.reversing_travel_rad:
@@ -806,7 +813,7 @@ class StrapReader:
         if latest is None:
             return
         for wheel, position in zip(self._wheels, latest[0], strict=True):
-            wheel.follow(position)
+            wheel.follow(position, self._encoder.goes_on)
 
     def tick(self, now_ns: int) -> StrapReading:
         """Everything since the last tick. The record's stamp is the mean middle of the tick's scans, never after now.

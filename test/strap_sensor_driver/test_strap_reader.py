@@ -274,6 +274,24 @@ def test_a_standing_wheel_keeps_its_direction_whatever_its_speed_sensor_says(sig
         assert (np.sign(angles.theta_2) == -sign).all()
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("position", [-5.0, 0.0, 5.0])
+def test_encoders_that_count_from_elsewhere_after_a_gap_turn_no_direction(sign, position):
+    """What sends wheel_states was started anew: no wheel has rolled back for that."""
+    rig = Rig(speed=sign)
+    rig.run(200)
+    assert (np.sign(rig.until_valid().theta_1) == sign).all()
+    rig.encoder_on = False
+    rig.run(30)
+    rig.encoder_on, rig.position, rig.speed = True, position, 0.0
+    readings = rig.run(100)
+    for reading in readings:
+        assert (np.sign(reading.angles.theta_1) == sign).all()
+    assert np.count_nonzero(readings[-1].angles.status == ContactStatus.VALID) >= 5  # one may stand on its seam
+    rig.speed = -sign
+    assert (np.sign(rig.run(5)[-1].angles.theta_1) == -sign).all()
+
+
 def test_a_wheel_in_the_air_has_no_contact_and_no_information():
     rig = Rig(noise_lsb=0.5)
     rig.until_valid()
