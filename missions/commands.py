@@ -111,7 +111,7 @@ def _demo(options: argparse.Namespace, console: Console, stop: StopRequest) -> i
     except OutputFolderError as error:
         return _complain(error, EXIT_ASKED_WRONGLY)
     except (LockstepError, ValueError) as error:
-        if isinstance(error, BagError):
+        if isinstance(error, (BagError, SettingsError)):
             raise
         return _complain(
             "stopped before anything happened" if stop() else error, EXIT_STOPPED if stop() else EXIT_FAILED

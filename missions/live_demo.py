@@ -30,6 +30,8 @@ from missions.summary import summarize, write_summary
 from strap_rover.file_lock import FileLock, LockHeldError
 from strap_rover.flight_recorder.bag_format import BagError
 from strap_rover.flight_recorder.bag_reader import read_bag_summary
+from strap_rover.ros_shell.process import HIGHEST_DOMAIN
+from strap_rover.settings import SettingsError
 
 READY_LIMIT_S = 90.0
 """Time the graph has to be ready: on the very first start every node compiles its laws."""
@@ -231,10 +233,10 @@ def _other_graph(what: str) -> OtherGraphError:
 
 
 def _domain() -> int:
-    try:
-        return int(os.environ.get("ROS_DOMAIN_ID") or 0)
-    except ValueError as error:
-        raise OtherGraphError(f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']}: give a whole number, 0 to 101") from error
+    said = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not said.isdecimal() or int(said) > HIGHEST_DOMAIN:
+        raise SettingsError([f"ROS_DOMAIN_ID is {said}: give a whole number from 0 to {HIGHEST_DOMAIN}"])
+    return int(said)
 
 
 @contextmanager

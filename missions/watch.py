@@ -33,6 +33,7 @@ from soil_flow_estimator.messages import SoilMessages
 from strap_rover import topics
 from strap_rover.ros_shell.cdr import AFTER_STAMP, LITTLE_ENDIAN
 from strap_rover.ros_shell.named_values import MessageError
+from strap_rover.ros_shell.process import HIGHEST_DOMAIN
 from strap_rover.ros_shell.qos import message_class, qos_profile
 from strap_rover.ros_shell.telemetry_messages import JointTelemetry, body_motion, speed_request
 from strap_rover.settings import SettingsError
@@ -42,8 +43,6 @@ from traction_controller.messages import TractionMessages
 
 PICTURE_PERIOD_S = 0.2
 LINE_PERIOD_S = 1.0
-HIGHEST_DOMAIN = 232
-"""The ports of higher domains do not exist."""
 _SETTLE_S = 1.0
 """How long a single picture waits for topics and nodes still to be found, from when the last one was."""
 _DIAGNOSTICS_DEPTH = 100

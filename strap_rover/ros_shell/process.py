@@ -13,7 +13,7 @@ import rclpy
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError, UnknownROSArgsError
 from rclpy.exceptions import NotInitializedException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.utilities import remove_ros_args
+from rclpy.utilities import get_default_context, remove_ros_args
 
 from strap_rover.ros_shell.discovery import announce_often
 from strap_rover.ros_shell.quiet_start import hand_over, take_signals
@@ -23,6 +23,8 @@ try:
 except ImportError:  # an rclpy of Jazzy's first months
     EventsExecutor = None
 
+HIGHEST_DOMAIN = 232
+"""ROS domains beyond it have no UDP ports: the middleware would end the process without a word."""
 EXIT_OK = 0
 EXIT_BAD_SETTINGS = 2
 
@@ -43,14 +45,10 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
     ValueError of the node once it is made, is a bug and passes through.
     """
     argv = list(sys.argv if args is None else args)
-    take_signals()
-    announce_often()
-    try:
-        rclpy.init(args=argv)
-    except (RCLError, UnknownROSArgsError) as error:
-        sys.stderr.write(f"ROS arguments: {error}\n")
+    problem = _enter_ros(argv)
+    if problem:
+        sys.stderr.write(f"{problem}\n")
         return EXIT_BAD_SETTINGS
-    hand_over()
     node = None
     try:
         executor = _executor(remove_ros_args(argv)[1:])  # first: it cannot be made after a signal
@@ -77,6 +75,21 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
     if failure is not None:
         raise failure
     return EXIT_OK
+
+
+def _enter_ros(argv: list[str]) -> str:
+    """Take over the signals and initialise ROS; what is wrong with the arguments or the domain, or nothing."""
+    take_signals()
+    announce_often()
+    try:
+        rclpy.init(args=argv)
+    except (RCLError, UnknownROSArgsError) as error:
+        return f"ROS arguments: {error}"
+    hand_over()
+    domain = get_default_context().get_domain_id()
+    if domain > HIGHEST_DOMAIN:
+        return f"ROS_DOMAIN_ID is {domain}: give a whole number from 0 to {HIGHEST_DOMAIN}"
+    return ""
 
 
 def _executor(arguments: Sequence[str]) -> Any:

@@ -45,8 +45,8 @@ class Live:
     def bag(self):
         return self.folder / "bag" / "bag_0.mcap"
 
-    def until_it_records(self):
-        self.child.wait_until(lambda: self.bag.exists() and self.bag.stat().st_size > 60_000)
+    def until_it_records(self, size=60_000):
+        self.child.wait_until(lambda: self.bag.exists() and self.bag.stat().st_size > size)
         self.pids = children_of(self.child.process.pid)
         assert set(self.pids) == set(NODES)
 
@@ -111,8 +111,8 @@ def test_when_the_supervisor_is_killed_its_nodes_end_and_close_the_bag(live):
 
 
 def test_a_node_that_is_killed_is_started_again_and_the_run_says_so(live):
-    run = live("--duration", 12)
-    run.until_it_records()
+    run = live("--duration", 20)
+    run.until_it_records(400_000)  # it has been driving for some seconds
     os.kill(run.pids["strap_sensor_driver"], signal.SIGKILL)
     code, out, err = run.child.wait(120.0)
     assert (code, err) == (1, "")

@@ -58,3 +58,9 @@ def test_a_signal_at_any_moment_of_the_start_ends_it_quietly(number, after_s, do
         child.send_signal(number)
         out, err = child.communicate(timeout=20)
         assert (child.returncode, out, err) == (0, "", "")
+
+
+def test_a_domain_that_ros_does_not_have_is_refused_in_words(monkeypatch, tmp_path):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "300")
+    out, err = (child := start("traction_controller", cwd=tmp_path)).communicate(timeout=20)
+    assert (child.returncode, out, err) == (2, "", "ROS_DOMAIN_ID is 300: give a whole number from 0 to 232\n")
