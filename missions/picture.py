@@ -58,7 +58,7 @@ def draw_run(log: RunLog, summary: RunSummary, path: Path) -> None:
             axis.axvline(event.time_s, color="#555555", linewidth=0.7, linestyle="--")
     _label_events(axes[0], summary)
     axes[0].legend(loc="upper left", ncols=len(log.wheels), fontsize=8, frameon=False)
-    axes[-1].set_xlabel("simulated time [s]")
+    axes[-1].set_xlabel("time [s]")
     axes[-1].set_xlim(0.0, float(truth_s[-1]))
     figure.suptitle(
         f"{summary.scenario}, controller {summary.controller}, seed {summary.seed}: {summary.outcome}"
