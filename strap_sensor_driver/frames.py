@@ -371,12 +371,23 @@ class FrameDecoder:
         if hello.channels != CHANNELS or not (hello.osr and hello.vref_mv and hello.frame_us and hello.adc_bits):
             self._reject(RejectReason.IMPLAUSIBLE, events)
             return
+        if self._is_repeated(hello):
+            self._reject(RejectReason.DUPLICATE, events)
+            return
         self._refused = False
         self.counters.hello += 1
         self._low_us = max(hello.frame_us // 2, 1)
         self._high_us = hello.frame_us * 2
         self._note_restart(hello, events)
         events.append(AcceptedFrame(hello, payload))
+
+    def _is_repeated(self, hello: HelloFrame) -> bool:
+        """Whether the DATA frame that it calls the next one has come: it came once more, behind that frame.
+
+        Taken for a restart it would cost the clock, and have that DATA frame accepted twice.
+        """
+        around_us = (hello.t_us - self._t_us + 2 * hello.frame_us) & 0xFFFFFFFF
+        return hello.seq == self._seq and around_us <= 4 * hello.frame_us
 
     def _note_restart(self, hello: HelloFrame, events: list[FrameEvent]) -> None:
         """A HELLO names the next DATA frame: does that follow from the last one?"""

@@ -246,6 +246,23 @@ def test_a_periodic_hello_is_no_restart():
         assert len(_accepted(events)) == 7
 
 
+@pytest.mark.parametrize("t_us", [20_000, 25_000])  # stamped with the last scan's tick, or the next one's
+def test_a_hello_that_comes_once_more_behind_its_data_is_no_restart(t_us):
+    stream = b"".join(encode_data(_data(seq)) for seq in range(5))
+    sent = encode_hello(_hello(5, t_us)) + encode_data(_data(5))
+    events, counters = _events(stream + sent + sent + encode_data(_data(6)))
+    assert [frame.seq for frame in _accepted(events)] == [0, 1, 2, 3, 4, 5, 5, 6]
+    assert isinstance(_accepted(events)[5], HelloFrame)
+    assert (counters.restart, counters.lost, counters.duplicate, counters.hello) == (0, 0, 2, 1)
+
+
+def test_a_first_hello_that_comes_once_more_is_no_restart_either():
+    sent = encode_hello(_hello()) + encode_data(_data(0))
+    events, counters = _events(sent + sent + encode_data(_data(1)))
+    assert _accepted(events) == [_hello(), _data(0), _data(1)]
+    assert (counters.restart, counters.duplicate) == (0, 2)
+
+
 def test_an_unknown_protocol_is_refused_until_a_hello_of_ours():
     strange = _hello(1, 5000, proto=9, version="future")
     stream = FIRST + encode_hello(strange) + encode_data(_data(1)) + encode_hello(_hello(2, 10_000))
