@@ -15,6 +15,8 @@ from rich.console import Console
 from benchmarks.cores import plant, strap_reader, tick
 from benchmarks.decoder import decoder
 from benchmarks.latency import latency, latency_events
+from benchmarks.live_cpu import live_cpu
+from benchmarks.live_latency import live_latency, live_latency_single
 from benchmarks.recording import recorder
 from benchmarks.report import conditions, load_average, print_rows, write_document
 from benchmarks.row import Row
@@ -32,6 +34,9 @@ BENCHMARKS: Mapping[str, Callable[[], Row]] = {
         strap_reader,
         latency,
         latency_events,
+        live_latency,
+        live_latency_single,
+        live_cpu,
         decoder,
         recorder,
         memory_growth,
