@@ -21,6 +21,10 @@ from strap_sensor_driver.link import ByteLink
 
 LAG_LIMIT_NS = 500_000_000
 """A world that is later than this (its process was stopped) does not catch up: its time goes on from now."""
+SCANS_AT_ONCE = 20
+"""Scans made up for in one go: where the machine is too slow for the world, commands and signals come in between."""
+CLOCK_STEP_NS = 2_000_000
+"""Stamps follow the host's clock when it is set, or has been slewed by this."""
 
 
 class SimBridge(NodeShell[SimBridgeParameters]):
@@ -72,7 +76,7 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         self._imu = self.announce(topics.IMU)
         self._suspension = self.announce(topics.SUSPENSION)
         self._ground_truth = self.announce(topics.GROUND_TRUTH)
-        self._lags = 0
+        self._lags = self._lags_told = 0
         if self_ticking:
             self._start()
             self.every(world.scan_period_ns * 1e-9, self._follow_clock)
@@ -93,7 +97,14 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         truth = self.world.ground_truth()
         x, speed, _, load = truth.whole_rover.tolist()
         values = {"x_m": round(x, 3), "speed_mps": round(speed, 3), "external_load_n": load, "stood_still": self._lags}
-        world = Health("world", HealthLevel.OK, self.world.scenario.name, values)
+        level, text = HealthLevel.OK, self.world.scenario.name
+        if self._lags > self._lags_told:
+            level, text = (
+                HealthLevel.WARN,
+                "stood still, boards began anew: was it stopped, or is this machine too slow?",
+            )
+            self._lags_told = self._lags
+        world = Health("world", level, text, values)
         ports = () if self._ports is None else self._ports.report()
         return [world, *(Health(f"port {name}", HealthLevel.OK, text, counts) for name, text, counts in ports)]
 
@@ -109,14 +120,21 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         self.world.epoch_ns = self.now_ns() - self.world.now_ns
 
     def _follow_clock(self) -> None:
-        """Move the world up to now, scan by scan."""
+        """Move the world up to now, scan by scan, its stamps by the host's clock whatever that does."""
         world = self.world
+        began_ns, host_ns = time.monotonic_ns(), self.now_ns()
+        stepped_ns = host_ns - (began_ns - self._origin_ns) - world.epoch_ns
+        # Looked at again where the process was put aside between the two clocks.
+        if abs(stepped_ns) > CLOCK_STEP_NS and time.monotonic_ns() - began_ns < CLOCK_STEP_NS // 2:
+            world.epoch_ns += stepped_ns
         if time.monotonic_ns() - self._origin_ns - world.now_ns > LAG_LIMIT_NS:
             self._lags += 1
             self._start()
             for board in world.rover.boards:
                 world.reset_board(board)  # their clocks stood still, as no clock does: they begin anew
-        while time.monotonic_ns() - self._origin_ns >= world.now_ns + world.scan_period_ns:
+        for _ in range(SCANS_AT_ONCE):
+            if time.monotonic_ns() - self._origin_ns < world.now_ns + world.scan_period_ns:
+                break
             report = world.advance_scan()
             if report is not None:
                 self._publish(report)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
@@ -285,6 +286,50 @@ def test_a_world_that_was_stopped_does_not_catch_up_and_its_boards_begin_anew(li
     world = bench.node.health()[0]
     assert world.values["stood_still"] == 1
     assert abs(bench.node.world.epoch_ns + bench.node.world.now_ns - time.time_ns()) < 300 * MS
+
+
+@pytest.mark.parametrize("step_ns", [3_000 * MS, -3_000 * MS])
+def test_stamps_follow_a_host_clock_that_is_set(live, monkeypatch, step_ns):
+    bench = live()
+    joints = telemetry.JointTelemetry("wheel_states", ("w",))
+    bench.spin_until(lambda: len(bench.heard) >= 5)
+    read_ns = time.time_ns
+    monkeypatch.setattr(time, "time_ns", lambda: read_ns() + step_ns)
+    count = len(bench.heard)
+    bench.spin_until(lambda: len(bench.heard) >= count + 20)
+    assert abs(joints.wheel_states(bench.heard[-1]).stamp_ns - time.time_ns()) < 300 * MS
+    stamps = [joints.wheel_states(message).stamp_ns for message in bench.heard]
+    steps = [later - sooner for sooner, later in itertools.pairwise(stamps)]
+    assert sum(step != 10 * MS for step in steps) == 1  # by the step, and never again
+
+
+@pytest.mark.parametrize("executor", ["single", "events"])
+def test_a_machine_too_slow_for_the_world_still_hears_commands_and_says_so(live, monkeypatch, executor):
+    bench = live()
+    if executor == "events":
+        bench.executor.shutdown()
+        bench.executor = EventsExecutor(context=bench.node.context)
+        bench.executor.add_node(bench.node)
+    bench.spin_until(bench.commands.subscription_count)
+    advance, left = bench.node.world.advance_scan, iter(range(3000))  # else it would never come back to fail
+
+    def slowly():
+        next(left)
+        time.sleep(0.01)
+        return advance()
+
+    monkeypatch.setattr(bench.node.world, "advance_scan", slowly)
+    command = telemetry.wheel_commands_message(WheelCommands(0, np.full(1, 0.5)))
+
+    def turns():
+        bench.commands.send(command)
+        return bench.node.world.plant.commands.tolist() == [0.5]
+
+    bench.spin_until(turns)
+    parts = []
+    bench.spin_until(lambda: parts.append(bench.node.health()[0]) or parts[-1].level is HealthLevel.WARN)
+    assert "too slow" in parts[-1].message
+    assert bench.node.health()[0].level is HealthLevel.OK  # told once
 
 
 @pytest.mark.parametrize("bad", ["use_sim_time:=true", "port:=/proc/nowhere/uno{board}", "port:=/tmp/{wheel}"])
