@@ -19,6 +19,7 @@ import yaml
 
 from missions.node_processes import SUPERVISOR
 from missions.plan import RunPlan
+from strap_rover.ros_shell.process import EXIT_BAD_SETTINGS
 
 NODES = ("recorder", "sim_bridge", "strap_sensor_driver", "soil_flow_estimator", "traction_controller")
 """In the order they are started; they are ended in the opposite order."""
@@ -52,11 +53,23 @@ class NodeProcess:
         """Whether the process lives."""
         return self.process is not None and self.process.poll() is None
 
+    def note_death(self) -> bool:
+        """Whether it has ended by itself since this was last asked; its exit code is noted then."""
+        if self.process is None or self.is_running or len(self.exit_codes) == self.starts:
+            return False
+        self.exit_codes.append(self.process.returncode)
+        self.died += 1
+        return True
+
     def cpu_s(self) -> float:
-        """Processor time of the running process so far [s]."""
+        """Processor time of the running process so far [s]; 0 where there is none."""
         if self.process is None:
             return 0.0
-        fields = Path(f"/proc/{self.process.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+        try:
+            said = Path(f"/proc/{self.process.pid}/stat").read_text(encoding="ascii")
+        except OSError:  # it has ended
+            return 0.0
+        fields = said.rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
 
     def words(self) -> str:
@@ -92,7 +105,6 @@ class LiveGraph:
         self._parameters.write_text(parameter_text(plan, ports), encoding="utf-8")
         (folder / "logs").mkdir(exist_ok=True)
         self.nodes = {name: NodeProcess(name, self._arguments(name), folder / "logs" / f"{name}.log") for name in nodes}
-        self._is_ending = False
 
     def start(self, name: str) -> None:
         """Start a node that does not run."""
@@ -122,10 +134,8 @@ class LiveGraph:
         for node in self.nodes.values():
             if node.process is None or node.is_running:
                 continue
-            if len(node.exit_codes) < node.starts:
-                code = node.process.wait()
-                node.exit_codes.append(code)
-                node.died += 1
+            if node.note_death():
+                code = node.exit_codes[-1]
                 said = f"{node.name} ended by itself, exit code {code}{_colon(node.words())}"
                 if code == EXIT_BAD_SETTINGS or node.died > RESTARTS_MAX:
                     raise NodeDiedError(f"{said} (log: {node.log})")
@@ -147,6 +157,9 @@ class LiveGraph:
         last = [name for name in self.nodes if name == "recorder"]
         for group in ([name for name in reversed(self.nodes) if name not in last], last):
             running = [node for name in group if (node := self.nodes[name]).is_running]
+            for name in group:
+                if self.nodes[name] not in running:
+                    self.nodes[name].note_death()
             for node in running:
                 assert node.process is not None
                 for number in signals:
@@ -167,9 +180,6 @@ class LiveGraph:
     def _arguments(self, name: str) -> list[str]:
         command = [sys.executable, "-m", "missions.node_processes", name, "--executor", self._executor]
         return [*command, "--ros-args", "--params-file", str(self._parameters)]
-
-
-EXIT_BAD_SETTINGS = 2
 
 
 def bag_name(starts: int) -> str:

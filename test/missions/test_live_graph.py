@@ -81,6 +81,16 @@ def test_a_node_that_died_is_started_again_and_told(graph_of, wait_until):
     assert (node.starts, node.died, node.exit_codes) == (2, 1, [-9])
 
 
+def test_a_death_that_nobody_looked_for_is_counted_in_the_end(graph_of, wait_until):
+    full = "import time, sys; print('up', flush=True); time.sleep(0.2); sys.exit(3)"
+    graph = graph_of(recorder=full, sim_bridge=LIVES)
+    start(graph, wait_until, "recorder", "sim_bridge")
+    graph.nodes["recorder"].process.wait()
+    assert graph.end() == {"recorder": 3, "sim_bridge": 0}
+    assert [node.died for node in graph.nodes.values()] == [1, 0]
+    assert graph.end() == {"recorder": 3, "sim_bridge": 0}
+
+
 def test_a_node_that_dies_again_and_again_is_given_up(graph_of, wait_until):
     graph = graph_of(sim_bridge="raise SystemExit('no world today')")
 
@@ -128,6 +138,8 @@ def test_processor_time_of_a_process_is_read(graph_of, wait_until):
     node = graph.nodes["sim_bridge"]
     wait_until(lambda: node.cpu_s() > 0.05)
     node.process.kill()
+    wait_until(lambda: not node.is_running)
+    assert node.cpu_s() == 0.0
 
 
 def test_every_node_gets_its_settings_and_one_port_pattern(tmp_path):
