@@ -30,6 +30,7 @@ from missions.summary import summarize, write_summary
 from strap_rover.file_lock import FileLock, LockHeldError
 from strap_rover.flight_recorder.bag_format import BagError
 from strap_rover.flight_recorder.bag_reader import read_bag_summary
+from strap_rover.ros_shell.middleware import prepare_middleware
 from strap_rover.ros_shell.process import HIGHEST_DOMAIN
 from strap_rover.settings import SettingsError
 
@@ -78,19 +79,19 @@ def run_live(
         LiveRunError: the graph was not ready in time, or was stopped before it drove.
         BagError: the bag cannot be read back.
     """
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # a simulation keeps to this machine
+    keep_to_this_machine()
     console.print(
         f"[bold]{plan.scenario.name}[/]: {plan.scenario.meaning}\n"
         f"controller {plan.controller.policy}, seed {plan.seed}, {plan.duration_s:g} s on wall time, live; "
         f"watch it: [bold]strap_rover watch[/] in another terminal"
     )
     with (
-        _domain_lock(),
+        domain_lock(),
         _operator(plan) as (operator, spin),
-        _ports_folder() as ports,
+        ports_folder() as ports,
         run_progress(console) as progress,
     ):
-        _refuse_strangers(operator, spin)
+        refuse_strangers(operator, spin)
         task = progress.add_task("starting the nodes", total=plan.duration_s)
         with LiveGraph(plan, folder, ports, executor) as graph:
 
@@ -103,7 +104,7 @@ def run_live(
             def show(elapsed_s: float, words: str) -> None:
                 progress.update(task, completed=elapsed_s, description=words)
 
-            _start(graph, operator, go_on, stopped)
+            start_nodes(graph, operator, go_on, stopped)
             drive = _drive(graph, operator, go_on, stopped, show, plan.duration_s)
             progress.update(task, description="ending the nodes")
             exit_codes = graph.end(end_signals)
@@ -189,8 +190,19 @@ def print_report(result: LiveResult, console: Console) -> None:
         console.print(f"the recorder was started again: {', '.join(escape(str(bag)) for bag in result_bags)}")
 
 
-def _start(graph: LiveGraph, operator: LiveOperator, go_on: Callable[[], None], stopped: Callable[[], bool]) -> None:
-    """Start every node, the recorder before the others, and wait until the rover could drive."""
+def keep_to_this_machine() -> None:
+    """Before ROS is initialised: be heard on this machine only, unless the environment says otherwise."""
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    prepare_middleware()
+
+
+def start_nodes(
+    graph: LiveGraph, operator: LiveOperator, go_on: Callable[[], None], stopped: Callable[[], bool]
+) -> None:
+    """Start every node, the recorder before the others, and wait until the rover could drive.
+
+    `go_on` lets the operator work, and the dead be started again. Raises NodeDiedError and LiveRunError as `run_live`.
+    """
     deadline_s = time.monotonic() + READY_LIMIT_S
     for name in graph.nodes:
         graph.start(name)
@@ -216,7 +228,8 @@ def _await(
             )
 
 
-def _refuse_strangers(operator: LiveOperator, spin: Callable[[], None]) -> None:
+def refuse_strangers(operator: LiveOperator, spin: Callable[[], None]) -> None:
+    """Listen for a moment whether others command wheels, or wheels are there; OtherGraphError when so."""
     end_s = time.monotonic() + DISCOVERY_S
     while time.monotonic() < end_s:
         spin()
@@ -240,8 +253,8 @@ def _domain() -> int:
 
 
 @contextmanager
-def _domain_lock() -> Iterator[None]:
-    """One live demo per domain of this machine, found out at once, where discovery takes its time."""
+def domain_lock() -> Iterator[None]:
+    """One live demo per domain of this machine, found out at once, where discovery takes its time; OtherGraphError."""
     try:
         lock = FileLock(Path(tempfile.gettempdir()) / "strap_rover" / f"live_domain_{_domain()}.lock")
     except LockHeldError as error:
@@ -274,7 +287,7 @@ def _operator(plan: RunPlan) -> Iterator[tuple[LiveOperator, Callable[[], None]]
 
 
 @contextmanager
-def _ports_folder() -> Iterator[Path]:
+def ports_folder() -> Iterator[Path]:
     """A folder for the links of the boards' ports: of this run alone, short enough a path, gone afterwards."""
     folder = Path(tempfile.mkdtemp(prefix="strap_rover-ports-"))
     try:

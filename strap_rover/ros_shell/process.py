@@ -15,7 +15,7 @@ from rclpy.exceptions import NotInitializedException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.utilities import get_default_context, remove_ros_args
 
-from strap_rover.ros_shell.discovery import announce_often
+from strap_rover.ros_shell.middleware import prepare_middleware
 from strap_rover.ros_shell.quiet_start import hand_over, take_signals
 
 try:
@@ -80,7 +80,7 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
 def _enter_ros(argv: list[str]) -> str:
     """Take over the signals and initialise ROS; what is wrong with the arguments or the domain, or nothing."""
     take_signals()
-    announce_often()
+    prepare_middleware()
     try:
         rclpy.init(args=argv)
     except (RCLError, UnknownROSArgsError) as error:
