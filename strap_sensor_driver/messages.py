@@ -12,7 +12,7 @@ from strap_rover.ros_shell.named_values import MessageError, NamedValues
 from strap_rover.topics import CONTACT_ANGLES, STRAP_RAW, STRAP_VOLTAGES, wheel_matrix
 from strap_sensor_driver.contact_zone import ContactAngles, StrapVoltages, remedy
 from strap_sensor_driver.serial_boards import LineReport
-from strap_sensor_driver.strap_reader import BoardHealth, WheelHealth
+from strap_sensor_driver.strap_reader import BoardHealth, ReaderHealth, WheelHealth
 
 _STAMP = struct.Struct("<q")
 _MULTI_ARRAY = struct.Struct("<4s3I")
@@ -65,7 +65,16 @@ class StrapMessages:
 def board_part(board: BoardHealth, line: LineReport | None) -> Health:
     """How a board is; `line` is None where it is read through memory."""
     values: dict[str, object] = {name: count for name, count in asdict(board.frames).items() if count}
-    values |= {"scans": board.scans, "clock resets": board.clock_resets}
+    values |= {"scans": board.scans, "clock resets": board.clock_resets, "delay ms": round(board.frame_delay_ms, 2)}
+    if board.clock_ppm is not None:
+        values["clock ppm"] = round(board.clock_ppm)
+    seldom = {
+        "scans before HELLO": board.scans_before_hello,
+        "scans flagged by the board": board.flagged_scans,
+        "frames that no tick took": board.dropped_frames,
+        "HELLOs with another osr or rate_hz": board.mismatched_hellos,
+    }
+    values |= {name: count for name, count in seldom.items() if count}
     if line is not None:
         values |= line.values
     name = f"board {board.board_id}"
@@ -77,6 +86,15 @@ def board_part(board: BoardHealth, line: LineReport | None) -> Health:
     if board.hello is None:
         return Health(name, HealthLevel.WARN, "no HELLO yet: check cable, port and power", values)
     return Health(name, HealthLevel.OK, f"firmware {board.hello.version}", values)
+
+
+def encoder_part(health: ReaderHealth) -> Health:
+    """How the positions in wheel_states are."""
+    values = {"rejected": health.wheel_states_rejected, "jumps": health.wheel_states_jumps}
+    if health.wheel_states_jumps:
+        text = "positions have jumped: send them unwrapped; strap_offset_rad is off if a drive was reset"
+        return Health("encoders", HealthLevel.WARN, text, values)
+    return Health("encoders", HealthLevel.OK, "positions go on", values)
 
 
 def wheel_part(name: str, wheel: WheelHealth) -> Health:

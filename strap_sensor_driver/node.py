@@ -15,7 +15,7 @@ from strap_rover.ros_shell.telemetry_messages import JointTelemetry
 from strap_rover.rover import load_rover
 from strap_rover.settings import SettingsError
 from strap_sensor_driver.link import ByteLink, LinkClosedError
-from strap_sensor_driver.messages import StrapMessages, board_part, raw_message, wheel_part
+from strap_sensor_driver.messages import StrapMessages, board_part, encoder_part, raw_message, wheel_part
 from strap_sensor_driver.parameters import StrapDriverParameters, bind_wheels, port_paths
 from strap_sensor_driver.scan_gate import scans_per_record
 from strap_sensor_driver.serial_boards import SerialBoards
@@ -102,12 +102,12 @@ class StrapSensorDriver(NodeShell[StrapDriverParameters]):
         self._reader.retune(self.settings)
 
     def health(self) -> Sequence[Health]:
-        """One part per board and per wheel."""
+        """One part per board and per wheel, one for the encoders."""
         health, serial = self._reader.health(), self._serial
         lines = [None] * len(health.boards) if serial is None else [serial.report(n) for n in range(len(health.boards))]
         boards = [board_part(board, line) for board, line in zip(health.boards, lines, strict=True)]
         wheels = [wheel_part(*named) for named in zip(self._wheel_names, health.wheels, strict=True)]
-        return [*boards, *wheels]
+        return [*boards, *wheels, encoder_part(health)]
 
     def destroy_node(self) -> None:
         """Close the ports, then as any node."""

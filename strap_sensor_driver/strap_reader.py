@@ -55,6 +55,8 @@ _ENCODER_LEAD_S = 0.5
 """An encoder sample farther ahead of the last tick than this is of another clock, ticks being that close together."""
 _ENCODER_AHEAD_NS = 50_000_000
 """At a tick no sample is of the future; farther ahead of it the clock has stepped back."""
+_FASTEST_RADPS, _JUMP_RAD = 30.0, 0.05
+"""No wheel turns faster: an encoder that says so wraps once per turn, or counts from elsewhere since its drive did."""
 _LONGEST_TICK_NS = 1_000_000_000
 """What ages between two ticks ages by this at most: more is a step of the host clock."""
 
@@ -290,6 +292,8 @@ class ReaderHealth:
     wheels: tuple[WheelHealth, ...]
     wheel_states_rejected: int
     """Encoder samples out of order, of the wrong size, or not finite."""
+    wheel_states_jumps: int
+    """Encoder samples farther from the one before than any wheel turns."""
 
 
 class _Scan(NamedTuple):
@@ -304,16 +308,17 @@ class _Scan(NamedTuple):
 class _Encoder:
     """The last encoder samples of all wheels, and the position between them."""
 
-    __slots__ = ("_angles", "_last", "_reach_ns", "_speeds", "_stamps", "_wheels", "goes_on", "rejected")
+    __slots__ = ("_angles", "_last", "_reach_ns", "_speeds", "_stamps", "_wheels", "goes_on", "jumps", "rejected")
 
     def __init__(self, wheels: int, reach_ns: int) -> None:
         self._wheels = wheels
         self._reach_ns = reach_ns
         self.rejected = 0
+        self.jumps = 0
         self.forget()
 
     def forget(self) -> None:
-        """As if none had come; the count stays."""
+        """As if none had come; the counts stay."""
         self.goes_on = False
         """Whether the newest sample tells how the wheels have turned since the one before."""
         self._last: WheelStates | None = None
@@ -339,6 +344,9 @@ class _Encoder:
             return
         if last is not None and states.stamp_ns < last.stamp_ns:  # the clock has stepped back
             self.forget()
+        elif self._is_jump(states.stamp_ns, angles):
+            self.jumps += 1
+            self.forget()
         self.goes_on = bool(self._stamps) and states.stamp_ns - self._stamps[-1] <= _BROKEN_WATCH_NS
         self._last = states
         self._stamps.append(states.stamp_ns)
@@ -347,6 +355,12 @@ class _Encoder:
         if len(self._stamps) > _ENCODER_SAMPLES:
             half = _ENCODER_SAMPLES // 2
             del self._stamps[:half], self._angles[:half], self._speeds[:half]
+
+    def _is_jump(self, stamp_ns: int, angles: list[float]) -> bool:
+        if not self._stamps:
+            return False
+        reach = _JUMP_RAD + _FASTEST_RADPS * 1e-9 * (stamp_ns - self._stamps[-1])
+        return any(abs(now - before) > reach for now, before in zip(angles, self._angles[-1], strict=True))
 
     def at(self, stamp_ns: int) -> list[float] | None:
         """Position of every wheel at `stamp_ns` [rad]; None when no sample is close enough."""
@@ -456,9 +470,13 @@ class _Wheel:
     def follow(self, encoder: float, goes_on: bool) -> None:
         """Believe a new direction of travel once the wheel has turned far enough against the one believed.
 
-        Where the encoder does not go on from the sample before, nobody saw the wheel turn: the direction stays. What
-        sends wheel states may have been started anew meanwhile, and counts from elsewhere.
+        Where the encoder does not go on from the sample before, nobody saw the wheel turn: the direction stays, and
+        no scan is held against one of before. What sends wheel states may have been started anew meanwhile, and counts
+        from elsewhere.
         """
+        if not goes_on:
+            self.scan_ns = _NOBODY_WATCHED_NS
+            self.good_scans = 0
         ahead = encoder - self.farthest_encoder if goes_on and self.farthest_encoder is not None else 0.0
         if self.reversing:
             ahead = -ahead
@@ -860,6 +878,7 @@ class StrapReader:
             boards=tuple(board.health() for board in self._boards),
             wheels=tuple(wheel.health() for wheel in self._wheels),
             wheel_states_rejected=self._encoder.rejected,
+            wheel_states_jumps=self._encoder.jumps,
         )
 
     def _follow_clock(self, now_ns: int) -> None:

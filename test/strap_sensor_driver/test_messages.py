@@ -9,7 +9,9 @@ from std_msgs.msg import UInt8MultiArray
 
 from strap_rover.ros_shell.named_values import MessageError
 from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus, StrapVoltages
-from strap_sensor_driver.messages import StrapMessages, raw_frame, raw_message
+from strap_sensor_driver.frames import FrameCounters
+from strap_sensor_driver.messages import StrapMessages, board_part, raw_frame, raw_message
+from strap_sensor_driver.strap_reader import BoardHealth
 
 pytestmark = pytest.mark.ros
 STAMPS = st.integers(0, 2**31 * 10**9 - 1)
@@ -87,3 +89,20 @@ def test_another_rovers_message_is_refused(wheels):
         StrapMessages(WHEELS).voltages(sent)
     with pytest.raises(MessageError, match="strap/contact_angles"):
         StrapMessages(WHEELS).contact_angles(sent)
+
+
+def test_what_is_known_of_a_board_stands_in_its_health():
+    counts = {"scans": 9, "scans_before_hello": 1, "flagged_scans": 2, "dropped_frames": 0, "mismatched_hellos": 3}
+    clock = {"clock_resets": 0, "last_frame_ns": 5, "clock_ppm": -2999.6, "frame_delay_ms": 1.2345}
+    board = BoardHealth(board_id=1, frames=FrameCounters(data=10, hello=4), hello=None, refused=None, **counts, **clock)
+    assert board_part(board, None).values == {
+        "data": 10,
+        "hello": 4,
+        "scans": 9,
+        "clock resets": 0,
+        "delay ms": 1.23,
+        "clock ppm": -3000,
+        "scans before HELLO": 1,
+        "scans flagged by the board": 2,
+        "HELLOs with another osr or rate_hz": 3,
+    }

@@ -131,7 +131,18 @@ def test_health_names_board_and_wheel_and_the_remedy(bench):
     assert (fl.level, fl.message) == (bytes([HealthLevel.OK]), "nothing to do")
     values = {item.key: item.value for item in fl.values}
     assert (values["status"], values["faults"]) == ("VALID", "0")
-    assert len(after) == 2 + 6 + 2  # and the topic it listens to, and its output
+    assert len(after) == 2 + 6 + 1 + 2  # the encoders; and the topic it listens to, and its output
+    encoders = after["strap_sensor_driver: encoders"]
+    assert (encoders.level, encoders.message) == (bytes([HealthLevel.OK]), "positions go on")
+
+
+def test_health_tells_of_positions_that_jump(bench):
+    run(bench)
+    bench.turn(states(210 * MS, 30.0))
+    encoders = bench.diagnostics()["strap_sensor_driver: encoders"]
+    assert encoders.level == bytes([HealthLevel.WARN])
+    assert "unwrapped" in encoders.message
+    assert {item.key: item.value for item in encoders.values} == {"rejected": "0", "jumps": "1"}
 
 
 def test_a_board_of_another_protocol_is_an_error_with_the_remedy(bench):
@@ -161,8 +172,8 @@ def test_noise_on_the_line_does_no_harm(bench):
         link.write(noise + b"\0", 0)
     run(bench)
     assert STRAPS.contact_angles(bench.heard["strap/contact_angles"][-1]).status.tolist() == [0] * 6
-    counts = {item.key: int(item.value) for item in bench.diagnostics()["strap_sensor_driver: board 1"].values}
-    assert counts["data"] == 40
+    counts = {item.key: item.value for item in bench.diagnostics()["strap_sensor_driver: board 1"].values}
+    assert counts["data"] == "40"
 
 
 def test_a_board_without_a_link_is_refused_with_its_rover(ros_context):

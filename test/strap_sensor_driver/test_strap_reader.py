@@ -292,6 +292,49 @@ def test_encoders_that_count_from_elsewhere_after_a_gap_turn_no_direction(sign, 
     assert (np.sign(rig.run(5)[-1].angles.theta_1) == -sign).all()
 
 
+@pytest.mark.parametrize("speed", [0.0, 0.5, 2.0])
+def test_a_drive_that_was_reset_leaves_no_strap_stuck(speed):
+    """Its encoder counts from elsewhere from one sample to the next, as if the wheel had turned many times."""
+    rig = Rig(speed=speed)
+    rig.run(200)
+    rig.position += 14.0 * math.pi
+    last = rig.run(300)[-1].angles
+    measured = last.status == ContactStatus.VALID  # one may be on its seam
+    assert np.count_nonzero(measured) >= 4
+    np.testing.assert_allclose(last.theta_1[measured], rig.zone[0], atol=0.02)
+    assert [wheel.faults for wheel in rig.reader.health().wheels] == [0] * 6
+    assert rig.reader.health().wheel_states_jumps == 1
+
+
+@pytest.mark.parametrize("speed", [0.3, 2.0])
+def test_an_encoder_that_wraps_once_per_turn_is_followed(speed):
+    rig = Rig(speed=speed)
+    feed, fed = rig.reader.feed_wheel_states, []
+
+    def feed_wrapped(states):
+        fed.append(np.mod(states.angle, 2.0 * math.pi))
+        feed(replace(states, angle=fed[-1]))
+
+    rig.reader.feed_wheel_states = feed_wrapped
+    readings = rig.run(2500)
+    assert np.abs(_valid_errors_deg(rig, readings)).max() < 1.0
+    health = rig.reader.health()
+    assert [wheel.faults for wheel in health.wheels] == [0] * 6
+    wraps = np.abs(np.diff(np.array(fed)[:, 0])) > math.pi
+    assert health.wheel_states_jumps == np.count_nonzero(wraps) > 0
+
+
+def test_rotation_across_a_jump_acquits_no_strap():
+    rig = Rig(speed=0.0)
+    rig.run(10)
+    rig.damage = lambda board, sums: [1600, 1600, *sums[2:]] if board == 0 else sums
+    assert _statuses(rig.run(3), 0)[-1] is ContactStatus.FAULT_ORDER
+    rig.damage = lambda _board, sums: sums
+    rig.run(10)
+    rig.position += 50.0
+    assert set(_statuses(rig.run(20), 0)) == {ContactStatus.FAULT_ORDER}
+
+
 def test_a_wheel_in_the_air_has_no_contact_and_no_information():
     rig = Rig(noise_lsb=0.5)
     rig.until_valid()
