@@ -150,6 +150,10 @@ def transition(mode: TractionMode, situation: Situation) -> Transition | None:
     return None
 
 
+JUMP_RAD = 1.0
+"""No wheel turns so far between two updates: its encoder wraps, or counts from elsewhere since its drive was reset."""
+
+
 class StallWatch:
     """Compares the way of the body with the way of the rims.
 
@@ -162,6 +166,8 @@ class StallWatch:
     def __init__(self, wheel_radius: FloatArray, rim_travel_m: float, progress_m: float) -> None:
         self._radius = wheel_radius
         self._angle: FloatArray | None = None
+        self._last = np.zeros_like(wheel_radius)
+        self._looks_away = False
         self._progress = 0.0
         self.retune(rim_travel_m, progress_m)
 
@@ -175,6 +181,10 @@ class StallWatch:
         self._angle = None
         self._progress = 0.0
 
+    def look_away(self) -> None:
+        """How the wheels turn until the next update counts for nothing: nobody hears of it."""
+        self._looks_away = True
+
     def update(self, angle: FloatArray, advance_m: float) -> bool:
         """True if the rover stalls.
 
@@ -183,6 +193,11 @@ class StallWatch:
             advance_m: how far the body moved in the direction of travel since the last update [m].
         """
         self._progress = max(self._progress + advance_m, 0.0)
+        step = angle - self._last
+        unseen = (np.abs(step) > JUMP_RAD) | self._looks_away
+        self._last, self._looks_away = angle, False
+        if self._angle is not None and unseen.any():
+            self._angle = self._angle + np.where(unseen, step, 0.0)
         if self._angle is None or self._progress > self._progress_m:
             self._angle = angle
             self._progress = 0.0

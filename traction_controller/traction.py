@@ -238,7 +238,9 @@ class TractionController:
         advance_m, self._advance_m = self._direction * self._advance_m, 0.0
         stalled = False
         states = self._inputs.wheel_states.record
-        if states is not None:
+        if Fault.WHEEL_STATES_LATE in self._faults:
+            self._stall_watch.look_away()
+        elif states is not None:
             stalled = self._stall_watch.update(self._direction * states.angle, advance_m)
         mode = self._supervisor.step(
             step_ns,
@@ -250,7 +252,8 @@ class TractionController:
             limited=bool(limits.limited.any()),
             advance_m=advance_m,
         )
-        if mode not in DRIVING_MODES:
+        # Not for a fault: an input that drops out again and again must not let the wheels dig by many small ways.
+        if mode not in DRIVING_MODES and mode is not TractionMode.FAULT:
             self._stall_watch.restart()
         return mode
 

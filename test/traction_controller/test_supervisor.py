@@ -257,3 +257,23 @@ def test_restart_forgets():
     stall_watch.update(turned(0.0), 0.0)
     stall_watch.restart()
     assert not stall_watch.update(turned(5.0), 0.0)
+
+
+def test_how_wheels_turn_while_nobody_looks_counts_for_nothing_and_what_they_did_before_still_does():
+    stall_watch = watch()
+    stall_watch.update(turned(0.0), 0.0)
+    assert not stall_watch.update(turned(0.09), 0.0)
+    stall_watch.look_away()
+    assert not stall_watch.update(turned(0.30), 0.0)
+    assert stall_watch.update(turned(0.32), 0.0)
+
+
+@pytest.mark.parametrize("jump_rad", [-2.0 * np.pi, 2.0 * np.pi, 50.0])
+def test_an_encoder_that_wraps_or_was_reset_neither_makes_a_stall_nor_hides_one(jump_rad):
+    angle, jump = turned(0.09), np.zeros(6)
+    stall_watch = watch()
+    stall_watch.update(turned(0.0), 0.0)
+    assert not stall_watch.update(angle, 0.0)
+    jump[2] = jump_rad
+    assert not stall_watch.update(angle + jump, 0.0)
+    assert stall_watch.update(turned(0.11) + jump, 0.0)

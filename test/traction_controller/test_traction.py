@@ -181,6 +181,20 @@ def test_policies_with_stall_check_stop(policy):
     assert bench.run(8.1).state.state is TractionMode.RETRY
 
 
+@pytest.mark.parametrize("period_s", [0.6, 1.0, 2.0])
+def test_an_input_that_drops_out_again_and_again_does_not_hide_a_stall(period_s):
+    """Each time the wheels stop and start anew: many small ways of the rims are as deep a hole as one long one."""
+    bench = Bench(policy="slip_limit")
+    for tick in range(2000):
+        bench.silent = {"angles"} if (0.01 * tick) % period_s < 0.2 else set()
+        bench.omega = bench.tick().commands.speed
+        if bench.controller.health().stalls:
+            break
+    assert bench.controller.health().stalls == 1
+    assert bench.controller.health().fault_entries["SENSOR_LATE"] > 1
+    assert bench.angle[0] * ROVER.wheels[0].radius_m < 0.12
+
+
 POLICIES = ("soil_flow", "constant", "slip_limit", "angle_threshold")
 LATE = [
     ("angles", 0.1, Fault.SENSOR_LATE),
