@@ -1,15 +1,16 @@
 """A bag of a rover into estimator and controller, in the bag's time; ends with the bag.
 
 The controller's commands go to replay/wheel_commands, which no rover listens to. What is played (wheel_states, odom)
-goes out under its own names all the same: on a rover's computer, replay in a ROS_DOMAIN_ID of its own.
+goes out under its own names all the same: on a rover's computer, replay in a ROS_DOMAIN_ID of its own. Elsewhere it is
+heard on this machine only, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.
 """
 
 import json
 from pathlib import Path
 
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable, Shutdown
 from launch.events.process import ProcessExited
-from launch.substitutions import LaunchConfiguration
+from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription
@@ -31,6 +32,7 @@ ARGUMENTS = {
     "record_to": ("", "folder of that bag; empty: a name with date and time, here"),
     "executor": ("", "events or single; empty: the nodes' default"),
 }
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 ENDING_S = "15"
 """Time to end after SIGINT, before SIGTERM comes."""
 
@@ -44,6 +46,7 @@ def generate_launch_description() -> LaunchDescription:
                 DeclareLaunchArgument(name, default_value=value, description=text)
                 for name, (value, text) in ARGUMENTS.items()
             ),
+            SetEnvironmentVariable(RANGE, EnvironmentVariable(RANGE, default_value="LOCALHOST")),
             OpaqueFunction(function=_nodes),
         ]
     )

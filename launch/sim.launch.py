@@ -1,15 +1,22 @@
 """A simulated rover and, as on a real one, everything of rover.launch.py; each node a process, on wall time.
 
 The virtual boards are pseudo-terminals, which the strap driver opens as it opens an Uno's port. Nobody asks the rover
-to drive: the launch says how. Whatever node ends, but the recorder, ends all.
+to drive: the launch says how. Whatever node ends, but the recorder, ends all. The nodes are heard on this machine only,
+unless ROS_AUTOMATIC_DISCOVERY_RANGE is set: a simulation must not command a rover in the same network.
 """
 
 import json
 
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, LogInfo, OpaqueFunction
+from launch.actions import (
+    DeclareLaunchArgument,
+    IncludeLaunchDescription,
+    LogInfo,
+    OpaqueFunction,
+    SetEnvironmentVariable,
+)
 from launch.events.process import ProcessExited
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration, ThisLaunchFileDir
+from launch.substitutions import EnvironmentVariable, LaunchConfiguration, ThisLaunchFileDir
 from launch_ros.actions import Node
 
 from launch import LaunchContext, LaunchDescription
@@ -27,6 +34,7 @@ ARGUMENTS = {
     "executor": ("", "events or single; empty: the nodes' default"),
 }
 PASSED_ON = ("policy", "params_file", "port", "record", "bag", "executor")
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 ENDING_S = "15"
 """Time to end after SIGINT, before SIGTERM comes."""
 
@@ -39,6 +47,7 @@ def generate_launch_description() -> LaunchDescription:
                 DeclareLaunchArgument(name, default_value=value, description=text)
                 for name, (value, text) in ARGUMENTS.items()
             ),
+            SetEnvironmentVariable(RANGE, EnvironmentVariable(RANGE, default_value="LOCALHOST")),
             OpaqueFunction(function=_graph),
         ]
     )

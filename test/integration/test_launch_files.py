@@ -74,12 +74,24 @@ STAND_INS = {
     "launch": [asked("LaunchDescription"), asked("LaunchContext")],
     "launch.actions": [
         asked(name)
-        for name in ("DeclareLaunchArgument", "IncludeLaunchDescription", "LogInfo", "OpaqueFunction", "Shutdown")
+        for name in (
+            "DeclareLaunchArgument",
+            "IncludeLaunchDescription",
+            "LogInfo",
+            "OpaqueFunction",
+            "SetEnvironmentVariable",
+            "Shutdown",
+        )
     ],
     "launch.events": [],
     "launch.events.process": [asked("ProcessExited")],
     "launch.launch_description_sources": [asked("PythonLaunchDescriptionSource")],
-    "launch.substitutions": [LaunchConfiguration, PathJoinSubstitution, asked("ThisLaunchFileDir")],
+    "launch.substitutions": [
+        LaunchConfiguration,
+        PathJoinSubstitution,
+        asked("EnvironmentVariable"),
+        asked("ThisLaunchFileDir"),
+    ],
     "launch_ros": [],
     "launch_ros.actions": [asked("Node")],
     "launch_ros.substitutions": [FindPackageShare],
@@ -123,6 +135,10 @@ def launched(stand_ins):
                 log.extend(inner_log)
             elif kind == "LogInfo":
                 log.append(keywords["msg"])
+            elif kind == "SetEnvironmentVariable":
+                assert not nodes  # or some would not have it
+                unset = entity.args[1].keywords["default_value"]
+                log.append(f"{entity.args[0]}={unset} unless {entity.args[1].args[0]} is set")
             else:
                 assert kind == "Node"
                 nodes.append(keywords)
@@ -302,10 +318,18 @@ def test_a_simulation_and_its_driver_meet_at_the_same_ports(launched, settings_o
     assert world.port == settings_of(nodes["strap_sensor_driver"]).port == "/tmp/x y/{board}"
     assert settings_of(nodes["recorder"]).directory == "b"
     assert settings_of(nodes["traction_controller"]) == TractionParameters()
-    (line,) = log
+    *_, line = log
     assert "ros2 topic pub -r 10 /cmd_vel geometry_msgs/msg/TwistStamped" in line
     request = yaml.safe_load(line.split('"')[1])
     assert request["twist"]["linear"]["x"] > 0.0
+
+
+@pytest.mark.parametrize(("name", "is_kept"), [("sim", True), ("replay", True), ("rover", False)])
+def test_what_is_no_rover_is_heard_on_this_machine_only(name, is_kept, launched):
+    """In one network and domain it would command the wheels of a rover, or tell it of wheels it does not have."""
+    _, log = launched(name, **REQUIRED[name])
+    variable = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+    assert (f"{variable}=LOCALHOST unless {variable} is set" in log) == is_kept
 
 
 @pytest.mark.ros
