@@ -14,6 +14,8 @@ class FileLock:
 
     The file stays behind, empty: removing it would let two processes lock two files of one name.
 
+    A link at the file's name is not followed: in a folder for all, somebody else may have put it there.
+
     Raises:
         LockHeldError: another process holds it.
         OSError: the file cannot be made or opened.
@@ -22,7 +24,7 @@ class FileLock:
     def __init__(self, path: str | Path) -> None:
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

@@ -35,3 +35,10 @@ def test_a_killed_process_leaves_no_lock_behind(tmp_path):
 def test_where_no_file_can_be_made_it_is_an_os_error():
     with pytest.raises(OSError, match="nowhere"):
         FileLock("/proc/nowhere/lock")
+
+
+def test_a_link_is_not_followed(tmp_path):
+    (tmp_path / "lock").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OSError, match="lock"):
+        FileLock(tmp_path / "lock")
+    assert not (tmp_path / "elsewhere").exists()
