@@ -18,7 +18,7 @@ def folder(tmp_path, monkeypatch):
 
 def test_a_second_demo_in_the_domain_is_refused_with_the_way_out(folder, monkeypatch):
     with domain_lock():
-        with pytest.raises(OtherGraphError, match="a live demo of this machine; .*ROS_DOMAIN_ID=8"), domain_lock():
+        with pytest.raises(OtherGraphError, match=r"a live demo of this machine; .*ROS_DOMAIN_ID=8"), domain_lock():
             pass
         monkeypatch.setenv("ROS_DOMAIN_ID", "8")
         with domain_lock():
