@@ -22,5 +22,14 @@ def _live_endurance(folder: Path, console: Console, stopped: Callable[[], bool],
     return run_study(folder, console, stopped, short=short, runs=runs)
 
 
-STUDIES: Mapping[str, Study] = MappingProxyType({"mars_snag": _mars_snag, "live_endurance": _live_endurance})
+def _live_faults(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
+    from missions.case_studies.live_faults import FULL, SHORT, run_live_faults, with_rounds  # noqa: PLC0415
+
+    form = SHORT if short else FULL
+    return run_live_faults(folder, console, stopped, form=form if runs is None else with_rounds(form, runs)).is_good
+
+
+STUDIES: Mapping[str, Study] = MappingProxyType(
+    {"mars_snag": _mars_snag, "live_endurance": _live_endurance, "live_faults": _live_faults}
+)
 """In the order in which `all` runs them."""
