@@ -33,6 +33,8 @@ class Announcement:
 
     def __init__(self, topic: Topic, publisher: Any, published: Counter[str], context: Context) -> None:
         self.topic = topic
+        self.full_name: str = publisher.topic_name
+        """The topic's name with namespace, after remapping."""
         self._context = context
         self.subscription_count: Callable[[], int] = publisher.get_subscription_count
         self._publish: Callable[[Any], None] = publisher.publish
@@ -286,7 +288,8 @@ class NodeShell(Node, Generic[SettingsT]):  # type: ignore[misc]  # rclpy has no
         """Publish `health()` and the traffic; once per second, by timer when live, by the runner in lockstep."""
         listened = {each.topic: each.subscription.get_publisher_count() for each in self._listened}
         announced = {announcement.topic: announcement.subscription_count() for announcement in self._announced}
-        self.publish_health([*self.health(), *self._traffic.report(listened, announced)])
+        shared = [each.topic for each in self._announced if self.count_publishers(each.full_name) > 1]
+        self.publish_health([*self.health(), *self._traffic.report(listened, announced, shared)])
 
     def publish_health(self, parts: Iterable[tuple[str, HealthLevel, str, Mapping[str, object]]]) -> None:
         """Publish (name, level, message with the remedy, values) of each part on /diagnostics."""

@@ -1,7 +1,7 @@
 """What went in and out of a node since its last report, and what an operator should make of it."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 from strap_rover.ros_shell.health import Health, HealthLevel
 from strap_rover.ros_shell.stamps import NS_PER_S
@@ -12,6 +12,7 @@ SILENT_S = 0.5
 """A steady topic is silent after this time, or after so many of its periods if those take longer."""
 SLOW_SHARE = 0.5
 """Below this share of its nominal rate a topic is slow."""
+RIVAL_REMEDY = "end one of them; one that was killed is still counted for 20 s"
 
 
 class Traffic:
@@ -43,10 +44,13 @@ class Traffic:
         self.refused[name] += 1
         self._refusals[name] = problem
 
-    def report(self, listened: Mapping[Topic, int], announced: Mapping[Topic, int]) -> list[Health]:
+    def report(
+        self, listened: Mapping[Topic, int], announced: Mapping[Topic, int], shared: Collection[Topic] = ()
+    ) -> list[Health]:
         """One part per topic listened to and one for all that is sent; rates since the last report.
 
-        `listened` and `announced` say how many publishers and subscriptions each topic has found.
+        `listened` and `announced` say how many publishers and subscriptions each topic has found; `shared` are those of
+        the announced that others publish, too.
         """
         now_ns = self._clock()
         span_s = max(now_ns - self._reported_ns, 1) / NS_PER_S
@@ -55,7 +59,10 @@ class Traffic:
         for topic, subscriptions in announced.items():
             rate = self._since("published", self.published, topic.name) / span_s
             sent[topic.name] = f"{rate:.1f} Hz, {self.published[topic.name]} sent, {subscriptions} listening"
-        parts.append(Health("output", HealthLevel.OK, "sending", sent))
+        level, text = HealthLevel.OK, "sending"
+        if rivals := [topic.name for topic in shared if topic.steady]:
+            level, text = HealthLevel.WARN, f"another node sends {', '.join(rivals)}, too: {RIVAL_REMEDY}"
+        parts.append(Health("output", level, text, sent))
         self._reported_ns = now_ns
         self._reported = {
             "received": self.received.copy(),

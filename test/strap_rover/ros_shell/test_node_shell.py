@@ -352,6 +352,19 @@ def matched(sender, receiver, row, wait_until):
     return publisher
 
 
+def test_another_node_that_sends_the_same_is_told_of_under_the_name_it_has_after_remapping(context_with, wait_until):
+    context = context_with("-r", "wheel_commands:=/wheels/commands")
+    first, second = ProbeNode(context=context), ProbeNode("other", context=context)
+    first.announce(WHEEL_COMMANDS)
+    parts = []
+    first.publish_health = lambda given: parts.append({part[0]: part for part in given}["output"])
+    first.report_health()
+    assert parts[-1][1:3] == (HealthLevel.OK, "sending")
+    second.announce(WHEEL_COMMANDS)
+    wait_until(lambda: first.report_health() or parts[-1][1] is HealthLevel.WARN)
+    assert parts[-1][2].startswith("another node sends wheel_commands, too")
+
+
 def test_each_node_counts_whom_it_has_found(lockstep, wait_until):
     sender, receiver, third = lockstep("sender"), lockstep("receiver"), lockstep("third")
     receiver.listen(CMD_VEL, lambda _: None)

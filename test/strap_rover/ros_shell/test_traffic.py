@@ -107,3 +107,11 @@ def test_what_is_sent_stands_in_one_part(traffic, clock):
     (part,) = traffic.report({}, {SOIL_STATE: 2, CMD_VEL: 0})
     assert (part.name, part.level) == ("output", HealthLevel.OK)
     assert part.values == {"soil_state": "50.0 Hz, 50 sent, 2 listening", "cmd_vel": "0.0 Hz, 0 sent, 0 listening"}
+
+
+def test_another_sender_of_what_one_node_sends_is_told_with_the_remedy(traffic):
+    (part,) = traffic.report({}, {SOIL_STATE: 1, CMD_VEL: 1}, [SOIL_STATE, CMD_VEL])
+    assert part.level is HealthLevel.WARN
+    assert part.message.startswith("another node sends soil_state, too: end one of them")
+    (part,) = traffic.report({}, {SOIL_STATE: 1, CMD_VEL: 1}, [CMD_VEL])  # two may ask, one after the other
+    assert (part.level, part.message) == (HealthLevel.OK, "sending")
