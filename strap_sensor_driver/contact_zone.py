@@ -44,20 +44,26 @@ class ContactStatus(IntEnum):
 
 FIRST_FAULT = 10
 
+_LEARN_ANEW = ", then call ~/reset of strap_sensor_driver"
+"""Of faults that only good rotation ends: a rover that stands for one does not turn its wheels."""
 _REMEDY = {
     ContactStatus.VALID: "nothing to do",
     ContactStatus.PREDICTED: "nothing to do: the zone is held for the moment",
     ContactStatus.NO_CONTACT: "the wheel is in the air, or both leads or the conductor's supply are off",
     ContactStatus.FAULT_OPEN_A: "end A reads 0 V in contact: check the lead and slip ring of end A, and its pull-down",
     ContactStatus.FAULT_OPEN_B: "end B reads 0 V in contact: check the lead and slip ring of end B, and its pull-down",
-    ContactStatus.FAULT_SHORT: "an end stays at the supply while the wheel turns: look for a short to the conductor",
+    ContactStatus.FAULT_SHORT: "an end stays at the supply while the wheel turns: mend the short to the conductor"
+    f"{_LEARN_ANEW}",
     ContactStatus.FAULT_ORDER: "the ends contradict each other (beta_1 > beta_2): calibrate R_str, R_A, R_B; if that "
-    "does not help, check for a floating input",
-    ContactStatus.FAULT_WIDTH: "a zone of more than half a turn: check for a floating input, mud or a second contact",
+    f"does not help, check for a floating input{_LEARN_ANEW}",
+    ContactStatus.FAULT_WIDTH: "a zone of more than half a turn: check for a floating input, mud or a second contact"
+    f"{_LEARN_ANEW}",
     ContactStatus.FAULT_RANGE: "volts that no contact on the strap can give: check strap, pull-downs and supply; "
     "calibrate",
-    ContactStatus.FAULT_STUCK: "an end does not change while the wheel turns: clean the strap, test the input",
-    ContactStatus.FAULT_FLOATING: "end B copies end A while the wheel turns: its input floats, check its lead",
+    ContactStatus.FAULT_STUCK: "an end does not change while the wheel turns: clean the strap, test the input"
+    f"{_LEARN_ANEW}",
+    ContactStatus.FAULT_FLOATING: "end B copies end A while the wheel turns: its input floats, check its lead"
+    f"{_LEARN_ANEW}",
     ContactStatus.STALE_ENCODER: "no wheel_states close to the scan's time: check the encoder source and its clock",
     ContactStatus.NO_DATA: "the board is silent or has not said hello: check USB cable, port, baud and power",
     ContactStatus.UNKNOWN_PROTOCOL: "the board speaks another frame protocol: flash the firmware of this release",

@@ -8,7 +8,7 @@ import pytest
 
 from sim_bridge.virtual_uno import VirtualUno
 from strap_rover.telemetry import WheelStates
-from strap_sensor_driver.contact_zone import ContactStatus
+from strap_sensor_driver.contact_zone import ContactStatus, remedy
 from strap_sensor_driver.frames import (
     DataFrame,
     FrameDecoder,
@@ -19,7 +19,13 @@ from strap_sensor_driver.frames import (
 )
 from strap_sensor_driver.mounting import StrapMounting
 from strap_sensor_driver.strap import Strap
-from strap_sensor_driver.strap_reader import StrapReader, StrapReaderSettings, WheelBinding, _Encoder
+from strap_sensor_driver.strap_reader import (
+    _NEEDS_ROTATION,
+    StrapReader,
+    StrapReaderSettings,
+    WheelBinding,
+    _Encoder,
+)
 
 SETTINGS = StrapReaderSettings()
 TICK_NS = 10_000_000
@@ -504,6 +510,19 @@ def test_a_contradiction_is_over_only_after_half_a_radian_without_one():
     statuses = _statuses(rig.run(120), 0)
     assert set(statuses[:98]) == {ContactStatus.FAULT_ORDER}
     assert ContactStatus.FAULT_ORDER not in statuses[103:]
+
+
+def test_a_fault_that_only_rotation_ends_says_how_else_and_a_reset_is_how():
+    """The controller stands still for it: without the way out the rover would stand for good."""
+    assert all(("~/reset" in remedy(status)) == (status in _NEEDS_ROTATION) for status in ContactStatus)
+    rig = Rig(speed=0.0)
+    rig.run(20)
+    rig.damage = lambda board, sums: [1600, 1600, *sums[2:]] if board == 0 else sums
+    rig.run(3)
+    rig.damage = lambda _board, sums: sums
+    assert _statuses(rig.run(500), 0)[-1] is ContactStatus.FAULT_ORDER
+    rig.reader.reset()
+    assert _statuses(rig.run(200), 0)[-1] is ContactStatus.VALID
 
 
 def test_what_an_end_did_while_nobody_looked_is_not_held_against_it():
