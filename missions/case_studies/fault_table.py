@@ -20,6 +20,8 @@ RESTART_LIMIT_MS = 3000.0
 MOST_FRAMES = 0.5
 """A fault that lets more than this share of the frames through must not stop the rover."""
 _NOTHING = "-"
+_SHORT_NAME = 24
+"""A name of so many letters stays on one line."""
 _SILENCING = frozenset(fault.value for fault in SILENCING)
 
 
@@ -34,8 +36,9 @@ class PlainTable:
     def drawn(self) -> Table:
         """For the terminal."""
         table = Table(title=self.title)
+        are_short = all(len(row[0]) <= _SHORT_NAME for row in self.rows)
         for index, heading in enumerate(self.headings):
-            table.add_column(heading, justify="right" if index else "left", overflow="fold")
+            table.add_column(heading, justify="right" if index else "left", no_wrap=not index and are_short)
         for row in self.rows:
             table.add_row(*(escape(cell) for cell in row))
         return table
