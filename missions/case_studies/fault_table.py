@@ -116,10 +116,7 @@ def line_table(trials: Sequence[LineTrial]) -> PlainTable:
                 spread([trial.to_driving_ms for trial in group]),
             )
         )
-    headings = (
-        "fault", "boards", "n", "good frames %", "stopped", "to zero", "to first frame", "to straps usable",
-        "to driving",
-    )  # fmt: skip
+    headings = "fault", "on", "n", "good %", "stops", "zero", "frame", "straps", "drives"
     return PlainTable("One fault of the line at a time [ms, median / max]", headings, tuple(rows))
 
 
@@ -130,7 +127,7 @@ def notice_table(trials: Sequence[LineTrial]) -> PlainTable:
          spread([trial.angle_max_deg for trial in group], 1))
         for (name, where), group in _grouped(trials).items()
     )  # fmt: skip
-    headings = "fault", "boards", "noticed by", "angles rms [deg]", "angles max [deg]"
+    headings = "fault", "on", "noticed by", "angles rms [deg]", "angles max [deg]"
     return PlainTable("What noticed it [median / max]", headings, rows)
 
 
@@ -163,10 +160,7 @@ def kill_table(trials: Sequence[KillTrial]) -> PlainTable:
                 driving or spread([trial.start_to_driving_ms for trial in group]),
             )
         )
-    headings = (
-        "node", "n", "to zero", "to wheels slower", "to wheels standing", "to new process", "start to message",
-        "start to driving",
-    )  # fmt: skip
+    headings = "node", "n", "zero", "slower", "stands", "start", "heard", "drives"
     return PlainTable("One node killed [ms, median / max]", headings, tuple(rows))
 
 

@@ -184,21 +184,23 @@ class FaultStudy:
 _EXPLANATION = """
 ## What the columns mean
 
-- *Share* of a fault, behind its name: of frames, or of bytes for `flip` and `drop`. *Good frames*: scans accepted while
-  it was on, of those the boards struck would have sent; every accepted frame is compared byte for byte with a journal
-  of what the boards sent.
-- *To zero*: to every wheel commanded to exactly zero, heard by an observer in another process. It counts from when the
+- Behind a fault's name, its share of the frames, or of the bytes for `flip` and `drop`. *on*: all boards, or one of
+  them. *good %*: scans accepted while the fault was on, of those that the boards struck would have sent. Every accepted
+  frame is compared byte for byte with a journal of what the boards sent. *stops*: how often the rover was stopped.
+- *zero*: to every wheel commanded to exactly zero, heard by an observer in another process. It counts from when the
   driver read the last good frame before the fault; for faults that let some frames through, from the fault's beginning;
   for a killed node, from the signal.
-- *To first frame, straps usable, driving*: from the end of the fault (asked for, not answered); of a reset from its
-  beginning. Until every board struck has had a scan accepted; until a record in which every strap is usable; until a
-  command turns a wheel again, where the rover had stopped.
-- *Noticed by*: counters of the driver that grew, states of the line but RUNNING, statuses of straps, faults of the
-  controller. *Angles*: error of those called VALID against the simulation's truth at their stamps, from the beginning
+- *frame*, *straps*, *drives* of a fault of the line: from its end (asked for, not answered), of a reset from its
+  beginning, until every board struck has had a scan accepted, until a record in which every strap is usable, and until
+  a command turns a wheel again, where the rover had stopped.
+- *noticed by*: counters of the driver that grew, states of the line but RUNNING, statuses of straps, faults of the
+  controller. *angles*: error of those called VALID against the simulation's truth at their stamps, from the beginning
   of the fault until it was over.
-- A killed controller commands nothing: the motors stop by their own time-out (*to wheels slower*). A killed world takes
-  its motors with it. A killed recorder leaves a bag that is cut off and begins a new one; it is heard by its first
-  diagnostics, which come a second after it began.
+- A killed node, from the signal: *slower*, *stands*, until the wheels are seen to turn slower, and to stand; *start*,
+  until there is a new process. From there: *heard*, until its first message; *drives*, until a command turns a wheel.
+- A killed controller commands nothing: the motors stop by their own time-out. A killed world takes its motors with it.
+  A killed recorder leaves a bag that is cut off and begins a new one; it is heard by its first diagnostics, which come
+  a second after it began.
 """
 
 
