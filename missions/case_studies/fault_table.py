@@ -38,7 +38,12 @@ class PlainTable:
         table = Table(title=self.title)
         are_short = all(len(row[0]) <= _SHORT_NAME for row in self.rows)
         for index, heading in enumerate(self.headings):
-            table.add_column(heading, justify="right" if index else "left", no_wrap=not index and are_short)
+            table.add_column(
+                heading,
+                justify="right" if index else "left",
+                no_wrap=not index and are_short,
+                min_width=max(map(len, heading.split())),
+            )
         for row in self.rows:
             table.add_row(*(escape(cell) for cell in row))
         return table
@@ -137,7 +142,7 @@ def _grouped(trials: Sequence[LineTrial]) -> dict[tuple[str, str], list[LineTria
     for trial in trials:
         name = trial.fault if trial.share == 1.0 else f"{trial.fault} {trial.share:g}"
         if trial.boot_s:
-            name += f", boot {trial.boot_s:g} s"
+            name += f", {trial.boot_s:g} s boot"
         groups.setdefault((name, "all" if trial.board == EVERY_BOARD else "one"), []).append(trial)
     return groups
 

@@ -116,7 +116,7 @@ def test_trials_of_a_kind_share_a_row():
         ("stall", "all", "2"),
         ("stall", "one", "1"),
         ("noise 0.25", "all", "1"),
-        ("reset, boot 2 s", "all", "1"),
+        ("reset, 2 s boot", "all", "1"),
     ]
     assert table.rows[0][3:] == ("0", "2", "106 / 108", "5 / 5", "12 / 12", "20 / 20")
     assert table.rows[2][3:] == ("75", "0", "-", "5", "12", "-")
