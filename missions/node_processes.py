@@ -3,7 +3,6 @@
 Signals are taken over before anything slow is imported: a Ctrl-C in a node's first second shows no traceback either.
 """
 
-import ctypes
 import os
 import signal
 import sys
@@ -81,6 +80,7 @@ def main() -> int:
         sys.stderr.write(f"usage: python -m missions.node_processes NAME; NAME {name!r}: {', '.join(NODE_PROCESSES)}\n")
         return 2
     del sys.argv[0]
+    take_signals()
     _end_with_supervisor()
     return NODE_PROCESSES[name]()
 
@@ -90,6 +90,8 @@ def _end_with_supervisor() -> None:
     supervisor = os.environ.get(SUPERVISOR)
     if supervisor is None:
         return
+    import ctypes  # noqa: PLC0415 - signals first
+
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != int(supervisor):  # it ended before we asked
         os._exit(0)

@@ -130,7 +130,9 @@ class SerialPort:
                 raise LinkClosedError(f"port {self._path}: {port_problem(error)}") from error
 
     def reopen(self) -> None:
-        """Close the port and open it anew; returns at once."""
+        """Close the port and open it anew; returns at once. Nothing after `close`."""
+        if self._ends:
+            return
         self._wants_reopening = True
         self._wake()
 

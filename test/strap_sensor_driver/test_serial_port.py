@@ -131,6 +131,17 @@ def test_opened_anew_when_asked(opened, far_end, wait_until):
     assert opened.session == 2
 
 
+def test_asked_to_open_anew_after_it_was_closed_it_writes_into_nobody_elses_descriptor(opened):
+    opened.close()
+    reader, writer = os.pipe2(os.O_NONBLOCK)  # takes the numbers that have become free
+    opened._wake_out = writer
+    opened.reopen()
+    with pytest.raises(BlockingIOError):
+        os.read(reader, 1)
+    os.close(reader)
+    os.close(writer)
+
+
 def test_two_do_not_share_a_port(opened, port_at, far_end, wait_until):
     second = port_at(far_end.path)
     wait_until(lambda: "another program has it open" in second.problem)
