@@ -19,7 +19,7 @@ class Delivery(Enum):
     SENSOR = "sensor"
     """Best effort, volatile, keep last 5: a late sample is worth nothing."""
     STREAM = "stream"
-    """Best effort, volatile, keep last 50: frames come in bursts and the recorder wants each one."""
+    """Reliable, volatile, keep last 500: frames come in bursts, the recorder wants each one, and may be late by 1 s."""
     RELIABLE = "reliable"
     """Reliable, volatile, keep last 10: commands and estimates."""
     LATCHED = "latched"

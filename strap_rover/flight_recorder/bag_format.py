@@ -73,7 +73,7 @@ def _profile(*, reliability: str, durability: str, depth: int) -> QosProfile:
 
 OFFERED_QOS: dict[Delivery, QosProfile] = {
     Delivery.SENSOR: _profile(reliability="best_effort", durability="volatile", depth=5),
-    Delivery.STREAM: _profile(reliability="best_effort", durability="volatile", depth=50),
+    Delivery.STREAM: _profile(reliability="reliable", durability="volatile", depth=500),
     Delivery.RELIABLE: _profile(reliability="reliable", durability="volatile", depth=10),
     Delivery.LATCHED: _profile(reliability="reliable", durability="transient_local", depth=1),
 }

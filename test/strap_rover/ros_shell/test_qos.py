@@ -9,7 +9,7 @@ from strap_rover.topics import CONTRACT, Delivery
     ("delivery", "reliability", "durability", "depth"),
     [
         (Delivery.SENSOR, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE, 5),
-        (Delivery.STREAM, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE, 50),
+        (Delivery.STREAM, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE, 500),
         (Delivery.RELIABLE, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE, 10),
         (Delivery.LATCHED, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL, 1),
     ],
