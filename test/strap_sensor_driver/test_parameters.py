@@ -53,7 +53,7 @@ def test_a_port_for_each_board():
     assert port_paths("/dev/ttyACM0", (7,)) == {7: "/dev/ttyACM0"}
 
 
-@pytest.mark.parametrize("pattern", ["/dev/ttyACM0", "/dev/{bord}", "/dev/{", "/dev/{}"])
+@pytest.mark.parametrize("pattern", ["/dev/ttyACM0", "/dev/{side}", "/dev/{", "/dev/{}"])
 def test_a_pattern_that_names_no_port_for_each_is_refused(pattern):
     with pytest.raises(SettingsError, match="port: "):
         port_paths(pattern, (1, 2))
