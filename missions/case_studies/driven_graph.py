@@ -156,7 +156,6 @@ def driven_graph(plan: RunPlan, folder: Path, stopped: Callable[[], bool] = neve
     Raises OtherGraphError, LiveRunError and NodeDiedError as the live demo does.
     """
     keep_to_this_machine()
-    folder.mkdir(parents=True, exist_ok=True)
     plan = replace(plan, world=replace(plan.world, line_journal=str(folder / "sent_{board}")))
     context = Context()
     with domain_lock(), ports_folder() as ports:
@@ -172,6 +171,7 @@ def driven_graph(plan: RunPlan, folder: Path, stopped: Callable[[], bool] = neve
             refuse_strangers(operator, spin)
             observer = LiveObserver(plan.rover, context)  # only now: it listens as the motors do
             executor.add_node(observer.node)
+            folder.mkdir(parents=True, exist_ok=True)
             with LiveGraph(plan, folder, ports) as graph:
 
                 def go_on() -> None:

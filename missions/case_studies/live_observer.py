@@ -40,6 +40,7 @@ class LiveObserver:
 
     def __init__(self, rover: RoverDescription, context: Context) -> None:
         self.series = GraphSeries()
+        self._wall_ahead_ns = wall_ahead_ns()
         self.delays_ns: list[int] = []
         """How long each of the controller's states was on its way here, which is about what any message takes."""
         self.unchecked: list[FrameHeard] = []
@@ -53,22 +54,22 @@ class LiveObserver:
         straps, truth = StrapMessages(rover.wheel_names), TruthMessages(rover.wheel_names)
         traction, series = TractionMessages(rover.wheel_names), self.series
 
-        def take_frame(message: Any, at_ns: int) -> None:
+        def take_frame(message: Any, _at_ns: int) -> None:
             host_ns, payload = raw_frame(message)
-            age_ns = time.time_ns() - host_ns  # stamped in another process of this host, by its wall clock
-            frame = FrameHeard(at_ns - age_ns, payload[1], payload)
+            frame = FrameHeard(host_ns - self._wall_ahead_ns, payload[1], payload)
             series.add_frame(frame)
             self.unchecked.append(frame)
 
         def take_state(message: bytes, at_ns: int) -> None:
             state = traction.traction_state(message)
             series.states.append(StateHeard(at_ns, state.fault))
-            self.delays_ns.append(time.time_ns() - state.stamp_ns)
+            self.delays_ns.append(at_ns + self._wall_ahead_ns - state.stamp_ns)
 
         def take_wheels(message: bytes, at_ns: int) -> None:
             series.wheels.append(SpeedsHeard(at_ns, float(abs(wheels.wheel_states(message).speed).max())))
 
         def take_health(message: Any, at_ns: int) -> None:
+            self._wall_ahead_ns = wall_ahead_ns()  # now and then: somebody may set the wall clock
             for status in message.status:
                 values = {item.key: item.value for item in status.values}
                 part = status.name.partition(": ")[2]
@@ -116,3 +117,17 @@ class LiveObserver:
             QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
             raw=topic.type_name in READ_SERIALIZED,
         )
+
+
+def wall_ahead_ns() -> int:
+    """How much this host's wall clock shows more than the clock that nobody sets, as well as can be told [ns].
+
+    Of a few looks the quickest: a process may lose the processor between its looks at the two clocks.
+    """
+    looks = []
+    for _ in range(5):
+        before_ns = time.monotonic_ns()
+        wall_ns = time.time_ns()
+        after_ns = time.monotonic_ns()
+        looks.append((after_ns - before_ns, wall_ns - (before_ns + after_ns) // 2))
+    return min(looks)[1]
