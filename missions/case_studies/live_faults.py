@@ -219,9 +219,10 @@ def run_live_faults(
             study.complete = not study.broken_off
         except StudyStoppedError:
             pass
-    study.conditions["load average at the end"] = _load()
-    (folder / RESULTS).write_text(study.as_json(), encoding="utf-8")
-    (folder / REPORT).write_text(study.as_markdown(), encoding="utf-8")
+        finally:  # also when somebody is impatient
+            study.conditions["load average at the end"] = _load()
+            (folder / RESULTS).write_text(study.as_json(), encoding="utf-8")
+            (folder / REPORT).write_text(study.as_markdown(), encoding="utf-8")
     for table in study.tables():
         console.print(table.drawn())
     for problem in study.problems():

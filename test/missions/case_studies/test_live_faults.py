@@ -184,6 +184,14 @@ def test_the_full_form_gives_every_round_a_graph_of_its_own(tmp_path, monkeypatc
     assert graph.done[-1] == "soak"
 
 
+def test_who_is_impatient_finds_what_was_done(tmp_path, monkeypatch):
+    Graph(monkeypatch, "unplug", KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path, SHORT)
+    assert "Stopped early" in (tmp_path / "live_faults.md").read_text(encoding="utf-8")
+    assert json.loads((tmp_path / "live_faults.json").read_text(encoding="utf-8"))["line"]
+
+
 def test_a_stop_keeps_what_is_done(tmp_path, monkeypatch):
     Graph(monkeypatch, "unplug", StudyStoppedError())
     done = run(tmp_path, SHORT)
