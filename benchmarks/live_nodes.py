@@ -6,11 +6,13 @@ where they publish and hear. They are spun as ever (`run_node`), and at their en
 
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from time import monotonic_ns
 from typing import Any
 
 import numpy as np
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -24,6 +26,7 @@ from sim_bridge.pty_port import PtyPort
 from sim_bridge.world import WorldReport
 from soil_flow_estimator.node import SoilFlowEstimator
 from strap_rover import topics
+from strap_rover.ros_shell.cdr import COUNT, LITTLE_ENDIAN
 from strap_rover.ros_shell.node_shell import Announcement
 from strap_rover.ros_shell.process import run_node
 from strap_rover.ros_shell.qos import message_class, qos_profile
@@ -38,6 +41,8 @@ from traction_controller.node import TractionControllerNode
 SCENARIO = "mars_snag"
 PERIOD_S = 0.01
 TELEMETRY_PERIOD_S = 0.0101
+_DATA_OFFSET = len(LITTLE_ENDIAN) + COUNT.size
+"""Where it stands in the bytes of a Float64MultiArray without dimensions."""
 HOP_DELIVERIES = (topics.CONTACT_ANGLES.delivery, topics.CONTACT_ANGLES.delivery, topics.WHEEL_COMMANDS.delivery)
 """Of the bare chain: from the boards to the driver, to the controller, to whoever receives."""
 READY = "ready"
@@ -139,11 +144,15 @@ class TimedDriver(StrapSensorDriver):
 
 
 class TimedController(TractionControllerNode):
-    """Notes when contact angles come and when wheel commands are published."""
+    """Notes when contact angles come and when wheel commands are published, and numbers these.
+
+    The number stands in `layout.data_offset`, which nobody reads.
+    """
 
     def __init__(self) -> None:
-        self._heard: tuple[int, bytes | None] = (0, None)
-        self._sent: list[tuple[int, bytes | None, int, bytes]] = []
+        self._heard: tuple[int, bytes] | None = None
+        self._sent: list[tuple[bytes, int, int, int]] = []
+        """Message heard, when, when the commands were sent, their number."""
         super().__init__()
 
     def listen(self, topic: Topic, callback: Callable[[Any], None]) -> None:
@@ -152,7 +161,7 @@ class TimedController(TractionControllerNode):
         def note_and_call(message: bytes) -> None:
             self._heard = (monotonic_ns(), message)
             callback(message)
-            self._heard = (0, None)
+            self._heard = None
 
         super().listen(topic, note_and_call if topic is topics.CONTACT_ANGLES else callback)
 
@@ -162,10 +171,11 @@ class TimedController(TractionControllerNode):
         send = announcement.send
 
         def send_commands(message: bytes) -> None:
-            before, begin_ns = self.published[topic.name], monotonic_ns()
-            send(message)
-            if self.published[topic.name] > before:  # not where a signal struck in the midst of it
-                self._sent.append((*self._heard, begin_ns, message))
+            begin_ns, number = monotonic_ns(), self.published[topic.name] + 1
+            send(message[:_DATA_OFFSET] + COUNT.pack(number) + message[_DATA_OFFSET + COUNT.size :])
+            if self._heard is not None:
+                heard_ns, heard = self._heard
+                self._sent.append((heard, heard_ns, begin_ns, number))
 
         if topic is topics.WHEEL_COMMANDS:
             announcement.send = send_commands  # type: ignore[method-assign]
@@ -174,13 +184,7 @@ class TimedController(TractionControllerNode):
     def decided(self) -> list[Decided]:
         """What was noted."""
         return [
-            Decided(
-                0 if heard is None else _stamp_ns(heard),
-                heard_ns,
-                begin_ns,
-                tuple(deserialize_message(commands, Float64MultiArray).data),
-            )
-            for heard_ns, heard, begin_ns, commands in self._sent
+            Decided(_stamp_ns(heard), heard_ns, begin_ns, number) for heard, heard_ns, begin_ns, number in self._sent
         ]
 
 
@@ -201,14 +205,15 @@ class Receiver(Node):  # type: ignore[misc]  # rclpy has no types
         self.create_timer(REQUEST_NS / NS_PER_S, self._ask)
 
     def _take(self, message: Float64MultiArray) -> None:
-        self.received.append(Received(monotonic_ns(), tuple(message.data)))
+        self.received.append(Received(monotonic_ns(), message.layout.data_offset))
         if not self._is_ready and any(message.data):
             self._is_ready = True
             self._ready.touch()
 
     def _ask(self) -> None:
         now_ns = self.get_clock().now().nanoseconds
-        self._request.publish(speed_request_message(SpeedRequest(now_ns, self._speed_mps)))
+        with suppress(RCLError):  # a signal may strike in the midst of it
+            self._request.publish(speed_request_message(SpeedRequest(now_ns, self._speed_mps)))
 
 
 class BareSource(Node):  # type: ignore[misc]  # rclpy has no types
@@ -263,13 +268,15 @@ ROLES: Mapping[str, Callable[[Path], Any]] = {
     "relay_1": lambda _: BareRelay(1),
     "sink": BareSink,
 }
-_NOTED: Mapping[type[Any], tuple[str, Callable[[Any], list[Any]]]] = {
-    TimedBoards: ("written", lambda node: node.written),
-    TimedDriver: ("recorded", lambda node: node.recorded()),
-    TimedController: ("decided", lambda node: node.decided()),
-    Receiver: ("received", lambda node: node.received),
-    BareSink: ("arrived", lambda node: node.arrived),
+_NOTED: Mapping[str, tuple[str, Callable[[Any], list[Any]]]] = {
+    "boards": ("written", lambda node: node.written),
+    "driver": ("recorded", lambda node: node.recorded()),
+    "controller": ("decided", lambda node: node.decided()),
+    "receiver": ("received", lambda node: node.received),
+    "sink": ("arrived", lambda node: node.arrived),
 }
+NOTING = frozenset(_NOTED)
+"""Roles that write down what they noted when they end by a signal."""
 
 
 def main(arguments: list[str]) -> int:
@@ -283,8 +290,8 @@ def main(arguments: list[str]) -> int:
 
     parameters = ["--ros-args", "--params-file", str(folder / PARAMETERS)] if (folder / PARAMETERS).exists() else []
     code = run_node(make, [role, *arguments[3:], *parameters])
-    if nodes and type(nodes[0]) in _NOTED:
-        name, noted = _NOTED[type(nodes[0])]
+    if nodes and role in _NOTED:
+        name, noted = _NOTED[role]
         write_trace(folder / f"{role}.trace", {name: noted(nodes[0])})
     return code
 

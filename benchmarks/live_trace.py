@@ -29,22 +29,24 @@ class Recorded(NamedTuple):
 
 
 class Decided(NamedTuple):
-    """One message of wheel commands that the controller sent."""
+    """One message of wheel commands that the controller sent in answer to a record."""
 
     stamp_ns: int
-    """Of the record that it answers; 0 when a timer made it."""
+    """Of the record."""
     heard_ns: int
     """When the record's callback began."""
     begin_ns: int
-    """Just before it was published."""
-    speeds: tuple[float, ...]
+    """Just before the commands were published."""
+    number: int
+    """That they were sent with."""
 
 
 class Received(NamedTuple):
     """One message of wheel commands that came."""
 
     at_ns: int
-    speeds: tuple[float, ...]
+    number: int
+    """That it was sent with."""
 
 
 class Answer(NamedTuple):
@@ -86,28 +88,25 @@ def answers(
 ) -> list[Answer]:
     """One per record that was answered, in order.
 
-    Frames are known by their bytes, records by their stamps, and commands, which are reliable and have no stamp, by
-    their place counted from the last one: where one was lost after all, the one in its place came before it was sent,
-    and nothing is said of that and those before. A record is complete with its frame number `frames_per_record` in the
-    order they were written; more of them came because it was late.
+    Frames are known by their bytes, records by their stamps, commands by their numbers. A record is complete with its
+    frame number `frames_per_record` in the order they were written; more of them came because it was late.
     """
     written_ns = {each.frame: each.at_ns for each in written}
-    by_stamp = {}
-    for command, arrival in zip(reversed(decided), reversed(received), strict=False):
-        if arrival.speeds != command.speeds or arrival.at_ns < command.begin_ns:
-            break
-        if command.stamp_ns:
-            by_stamp[command.stamp_ns] = (command, arrival)
+    received_ns = {each.number: each.at_ns for each in received}
+    by_stamp = {each.stamp_ns: each for each in decided}
     found = []
     for record in recorded:
         frames = [encode_payload(payload) for payload in record.payloads]
         times_ns = sorted(written_ns[frame] for frame in frames if frame in written_ns)
-        if not times_ns or record.stamp_ns not in by_stamp:
+        command = by_stamp.get(record.stamp_ns)
+        came_ns = None if command is None else received_ns.get(command.number)
+        if not times_ns or command is None or came_ns is None:
             continue
-        command, arrival = by_stamp[record.stamp_ns]
         completed_ns = times_ns[min(frames_per_record, len(times_ns)) - 1]
         is_late = len(times_ns) != frames_per_record
-        found.append(Answer(completed_ns, record.begin_ns, command.heard_ns, command.begin_ns, arrival.at_ns, is_late))
+        found.append(
+            Answer(completed_ns, record.begin_ns, command.heard_ns, command.begin_ns, came_ns, is_late=is_late)
+        )
     return found
 
 

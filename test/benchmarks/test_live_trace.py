@@ -26,7 +26,7 @@ def payload(number):
 
 
 def chain(records, parts_us=PARTS_US):
-    """What a chain notes that answers every record in time; commands alternate between two speeds."""
+    """What a chain notes that answers every record."""
     to_record, to_hear, to_decide, to_come = (1000 * part for part in parts_us)
     written, recorded, decided, received = [], [], [], []
     for record in range(1, records + 1):
@@ -38,9 +38,8 @@ def chain(records, parts_us=PARTS_US):
         ]
         begin_ns = last_ns + to_record
         recorded.append(Recorded(begin_ns, record, tuple(payload(number) for number in numbers)))
-        speeds = (float(record % 2), 1.0)
-        decided.append(Decided(record, begin_ns + to_hear, begin_ns + to_hear + to_decide, speeds))
-        received.append(Received(begin_ns + to_hear + to_decide + to_come, speeds))
+        decided.append(Decided(record, begin_ns + to_hear, begin_ns + to_hear + to_decide, 100 + record))
+        received.append(Received(begin_ns + to_hear + to_decide + to_come, 100 + record))
     return written, recorded, decided, received
 
 
@@ -76,23 +75,22 @@ def test_a_record_of_too_few_frames_begins_with_the_last_it_has():
 
 def test_commands_of_a_timer_answer_no_record():
     written, recorded, decided, received = chain(3)
-    decided.insert(2, Decided(0, 0, 2 * PERIOD_NS + 500_000, (9.0, 9.0)))
-    received.insert(2, Received(2 * PERIOD_NS + 600_000, (9.0, 9.0)))
+    received.insert(2, Received(2 * PERIOD_NS + 600_000, 7))
     assert answers(written, recorded, decided, received, FRAMES) == answers(*chain(3), FRAMES)
 
 
-def test_commands_that_came_before_anybody_listened_are_left_out():
+def test_only_commands_that_were_lost_are_left_out():
     written, recorded, decided, received = chain(5)
-    found = answers(written, recorded, decided, received[2:], FRAMES)
-    assert found == answers(*chain(5), FRAMES)[2:]
+    whole = answers(written, recorded, decided, received, FRAMES)
+    del received[2]
+    assert answers(written, recorded, decided, received, FRAMES) == whole[:2] + whole[3:]
 
 
-def test_nothing_is_said_of_commands_before_one_that_was_lost():
-    written, recorded, decided, received = chain(6)
-    alike = [each._replace(speeds=(1.0, 1.0)) for each in decided]
-    came = [each._replace(speeds=(1.0, 1.0)) for each in received]
-    del came[2]
-    assert answers(written, recorded, alike, came, FRAMES) == answers(*chain(6), FRAMES)[3:]
+def test_a_record_that_the_controller_did_not_hear_is_left_out():
+    written, recorded, decided, received = chain(3)
+    whole = answers(written, recorded, decided, received, FRAMES)
+    del decided[1]
+    assert answers(written, recorded, decided, received, FRAMES) == [whole[0], whole[2]]
 
 
 def test_a_record_of_frames_nobody_wrote_is_left_out():
