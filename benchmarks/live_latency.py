@@ -97,7 +97,7 @@ def _live_latency(name: str, executor: str, executor_name: str) -> Row:
         notes=(
             f"p99 over p99: {figures(percentile(ours_s, 0.99) / percentile(bare_s, 0.99))} x",
             f"of ours, medians: {shares_in_words(kept)}",
-            f"answers {len(kept)} in {ROUNDS * due:.0f} periods, {sum(each.is_late for each in kept)} of more or fewer scans",
+            f"answers {len(kept)} in {ROUNDS * due:.0f} periods, {sum(each.is_late for each in kept)} late",
         ),
     )
 
