@@ -83,6 +83,11 @@ _NEEDS_ROTATION = frozenset(
     )
 )
 """Faults that a few good scans do not disprove: a floating input looks valid for a part of every turn."""
+_SHOWS_AT_REST = frozenset({int(ContactStatus.FAULT_ORDER), int(ContactStatus.FAULT_WIDTH)})
+"""Those of them that a wheel which stands disproves, too: else one bad moment (a finger, a stone, 15 ms of noise) would
+stop a rover for good that stands, or creeps so slowly that it must stand before it has turned far enough."""
+_REST_RAD, _REST_SCANS = 0.02, 200
+"""A wheel stands while it turns no more than this; so many good scans of it end a fault of `_SHOWS_AT_REST`."""
 
 
 def _row(doc: str, low: float | None = None, high: float | None = None, *, tunable: bool = False) -> dict[str, Any]:
@@ -416,6 +421,8 @@ class _Wheel:
         "offset_rad",
         "rear",
         "rear_std",
+        "rest_encoder",
+        "rest_scans",
         "reversing",
         "scan_ns",
         "scan_status",
@@ -458,7 +465,8 @@ class _Wheel:
         self.farthest_encoder: float | None = None  # in the direction believed
         self.fault = 0
         self.bad_scans = self.good_scans = 0
-        self.good_encoder = 0.0
+        self.good_encoder = self.rest_encoder = 0.0
+        self.rest_scans = 0
         self.anchor_a_v = self.anchor_b_v = -math.inf
         self.anchor_a_encoder = self.anchor_b_encoder = self.equal_encoder = 0.0
         self.seam_encoder: float | None = None
@@ -558,7 +566,7 @@ class _Wheel:
         settings = self.settings
         if status >= FIRST_FAULT:
             self.bad_scans += 1
-            self.good_scans = 0
+            self.good_scans = self.rest_scans = 0
             if status == self.fault:
                 return status
             if self.bad_scans < settings.fault_scans:
@@ -574,9 +582,13 @@ class _Wheel:
         if not self.good_scans:
             self.good_encoder = encoder
         self.good_scans += 1
+        if not self.rest_scans or abs(encoder - self.rest_encoder) > _REST_RAD:
+            self.rest_encoder, self.rest_scans = encoder, 0
+        self.rest_scans += 1
         turned = abs(encoder - self.good_encoder)
+        has_rested = self.fault in _SHOWS_AT_REST and self.rest_scans >= _REST_SCANS
         if self.good_scans < settings.recovery_scans or (
-            self.fault in _NEEDS_ROTATION and turned < settings.recovery_rotation_rad
+            self.fault in _NEEDS_ROTATION and turned < settings.recovery_rotation_rad and not has_rested
         ):
             return self.fault
         self.fault = 0

@@ -520,9 +520,21 @@ def test_a_fault_that_only_rotation_ends_says_how_else_and_a_reset_is_how():
     rig.damage = lambda board, sums: [1600, 1600, *sums[2:]] if board == 0 else sums
     rig.run(3)
     rig.damage = lambda _board, sums: sums
-    assert _statuses(rig.run(500), 0)[-1] is ContactStatus.FAULT_ORDER
+    assert _statuses(rig.run(50), 0)[-1] is ContactStatus.FAULT_ORDER
     rig.reader.reset()
     assert _statuses(rig.run(200), 0)[-1] is ContactStatus.VALID
+
+
+def test_one_bad_moment_of_a_standing_wheel_is_over_after_a_second_of_good_ones():
+    """The controller stands still for the fault, so that the wheel cannot turn to disprove it."""
+    rig = Rig(speed=0.0)
+    rig.run(20)
+    rig.damage = lambda board, sums: [1600, 1600, *sums[2:]] if board == 0 else sums
+    rig.run(3)
+    rig.damage = lambda _board, sums: sums
+    statuses = _statuses(rig.run(150), 0)
+    assert set(statuses[:95]) == {ContactStatus.FAULT_ORDER}
+    assert set(statuses[110:]) == {ContactStatus.VALID}
 
 
 def test_what_an_end_did_while_nobody_looked_is_not_held_against_it():
