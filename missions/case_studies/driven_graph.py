@@ -21,6 +21,7 @@ from missions.operator_node import LiveOperator
 from missions.plan import RunPlan
 from missions.stop_request import never
 from sim_bridge.line_faults import LineFault
+from strap_rover import topics
 
 try:
     from rclpy.experimental.events_executor import EventsExecutor
@@ -32,6 +33,9 @@ RECOVERY_LIMIT_S = 20.0
 STEADY_NS = 500_000_000
 """So long the rover must have been commanded to drive before something is done to it."""
 _SPIN_S = 0.02
+_LONGEST_LOOK_S = 0.2
+"""What lies between two looks counts as this at most: of more, this process was asleep, and could not have seen it."""
+_DRIVER = "strap_sensor_driver"
 _RECENT = 200
 """Commands looked at: more than came within that time."""
 
@@ -70,6 +74,8 @@ class DrivenGraph:
         self.check = FrameCheck()
         self.deaths: list[str] = []
         """What the graph said of nodes that ended without having been killed on purpose."""
+        self.has_stranger = False
+        """Somebody else's straps were heard in this ROS domain."""
         self._observer = observer
         self._spin = spin
         self._stopped = stopped
@@ -79,17 +85,16 @@ class DrivenGraph:
 
     def spin_until(self, condition: Callable[[], object], limit_s: float = RECOVERY_LIMIT_S) -> bool:
         """Let the graph run until `condition` holds; False when it does not in time."""
-        end_s = time.monotonic() + limit_s
+        left_s, seen_s = limit_s, time.monotonic()
         while not condition():
             if self._stopped():
                 raise StudyStoppedError
-            if time.monotonic() > end_s:
+            if left_s <= 0.0:
                 return False
             self._spin()
-            for news in self.graph.poll():
-                if not (self._on_purpose and news.startswith(f"{self._on_purpose} ")):
-                    self.deaths.append(news)
-                self._on_purpose = ""
+            self._look_round()
+            before_s, seen_s = seen_s, time.monotonic()
+            left_s -= min(seen_s - before_s, _LONGEST_LOOK_S)
         return True
 
     def spin_for(self, seconds: float) -> None:
@@ -139,6 +144,16 @@ class DrivenGraph:
         """Forget what was heard before the last moments, once its frames were checked."""
         self.check_frames()
         self.series.forget_before(time.monotonic_ns() - STEADY_NS)
+
+    def _look_round(self) -> None:
+        """Start again what has died, and note who died unasked, or who is here that should not be."""
+        for news in self.graph.poll():
+            if not (self._on_purpose and news.startswith(f"{self._on_purpose} ")):
+                self.deaths.append(news)
+            self._on_purpose = ""
+        # One that was killed still counts for some seconds.
+        known = self.graph.nodes[_DRIVER].starts
+        self.has_stranger |= self._observer.node.count_publishers(topics.STRAP_RAW.name) > known
 
     def _is_driving_steadily(self) -> bool:
         since_ns = time.monotonic_ns() - STEADY_NS

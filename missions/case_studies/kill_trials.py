@@ -31,8 +31,8 @@ _SPOKEN: Mapping[str, Callable[[GraphSeries], Sequence[Any]]] = MappingProxyType
     }
 )
 """What each node is heard by; the recorder by its diagnostics alone, the first of which comes after a second."""
-_AFTERWARDS_S = 1.0
-"""How long the graph is watched when all is well again."""
+_AFTERWARDS_S = 1.5
+"""How long the graph is watched when all is well again: it may stumble later."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +76,13 @@ def run_kill_trial(driven: DrivenGraph, node: str) -> KillTrial:
     starts = process.starts
     driven.spin_until(lambda: process.starts > starts)
     started_ns = round(process.started_s * NS)
-    driven.spin_until(lambda: judge_kill_trial(driven.series, node, killed_ns, started_ns, 0).recovered)
+
+    def is_over() -> bool:
+        return judge_kill_trial(driven.series, node, killed_ns, started_ns, 0).recovered
+
+    driven.spin_until(is_over)
     driven.spin_for(_AFTERWARDS_S)
+    driven.spin_until(is_over)  # should it have stumbled meanwhile
     driven.check_frames()
     bags = sum(1 for bag in driven.graph.bags() if bag.exists())
     return judge_kill_trial(driven.series, node, killed_ns, started_ns, bags)

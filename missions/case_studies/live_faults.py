@@ -104,6 +104,8 @@ class FaultStudy:
     observer_delay_ms: list[tuple[float, float]] = field(default_factory=list)
     """Graph by graph, median and 99 % of how long messages were on their way to whoever measures."""
     frames: dict[str, int] = field(default_factory=lambda: {"accepted": 0, "wrong": 0, "repeated": 0})
+    wrong_frames: list[str] = field(default_factory=list)
+    """Some that no board sent."""
     exit_codes: list[Mapping[str, int]] = field(default_factory=list)
     """Of every node's last process, graph by graph."""
     graph_problems: list[str] = field(default_factory=list)
@@ -313,6 +315,11 @@ class _Runner:
         if driven.delays_ns:
             median, most = (round(1e-6 * float(value), 2) for value in np.percentile(driven.delays_ns, (50.0, 99.0)))
             study.observer_delay_ms.append((median, most))
+        if driven.has_stranger:
+            study.graph_problems.append(
+                f"{name}: somebody else's straps were heard in this ROS domain; use another one"
+            )
+        study.wrong_frames += [f"{name}: {example}" for example in driven.check.examples]
         study.frames["accepted"] += driven.check.accepted
         study.frames["wrong"] += driven.check.wrong
         study.frames["repeated"] += driven.check.repeated

@@ -16,6 +16,7 @@ from strap_sensor_driver.frames import TYPE_DATA, encode_payload
 from traction_controller.input_watch import KNOWN_STATUS
 from traction_controller.supervisor import Fault
 
+_EXAMPLES = 5
 _DEVICE_US = struct.Struct("<I")
 FALLEN_RADPS = 0.05
 """A wheel that turns this much slower than before has begun to stop: ten times the noise of its speed."""
@@ -255,6 +256,8 @@ class FrameCheck:
         self.accepted = 0
         self.wrong = 0
         """Accepted, and never sent."""
+        self.examples: list[str] = []
+        """The first of them, board and payload in hexadecimal digits."""
         self.repeated = 0
         """Scans accepted twice, one behind the other."""
 
@@ -267,7 +270,10 @@ class FrameCheck:
     def accept(self, board: int, payload: bytes) -> None:
         """The driver accepted `payload` from a board; all that the board sent until then must have been told."""
         self.accepted += 1
-        self.wrong += encode_payload(payload)[:-1] not in self._sent.get(board, set())
+        if encode_payload(payload)[:-1] not in self._sent.get(board, set()):
+            self.wrong += 1
+            if len(self.examples) < _EXAMPLES:
+                self.examples.append(f"board {board}: {payload.hex()}")
         if payload[0] == TYPE_DATA:  # a board that restarts twice within a second says the same HELLO twice
             self.repeated += self._last.get(board) == payload
             self._last[board] = payload

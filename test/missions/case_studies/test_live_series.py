@@ -169,6 +169,7 @@ def test_accepted_frames_must_have_been_sent():
     spoilt[-1] ^= 1
     check.accept(1, bytes(spoilt))
     assert (check.accepted, check.wrong, check.repeated) == (7, 2, 1)
+    assert check.examples == [f"board 2: {payloads[0].hex()}", f"board 1: {spoilt.hex()}"]
 
 
 def test_a_hello_said_twice_is_no_scan_accepted_twice():
