@@ -200,6 +200,7 @@ _EXPLANATION = """
   of the fault until it was over.
 - A killed node, from the signal: *slower*, *stands*, until the wheels are seen to turn slower, and to stand; *start*,
   until there is a new process. From there: *heard*, until its first message; *drives*, until a command turns a wheel.
+  Either may come first: everybody finds the newcomer for himself.
 - A killed controller commands nothing: the motors stop by their own time-out. A killed world takes its motors with it.
   A killed recorder leaves a bag that is cut off and begins a new one; it is heard by its first diagnostics, which come
   a second after it began.
