@@ -1,0 +1,65 @@
+"""From the volts at one end of a strap to the arc between that end and the contact, by a monotone table.
+
+The converter sees `share` = V / V_DD. The path from the end to the contact has `ratio` = R / R_pull_down =
+1 / share - 1 times the pull-down's resistance (Ohm's law), and a strap's resistance grows with the arc: the curve maps
+ratio to arc. A uniform strap without contact resistance is a straight line, two knots; a calibrated one has many.
+"""
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from itertools import pairwise
+
+from strap_sensor_driver.strap import FULL_TURN_RAD
+
+
+@dataclass(frozen=True, slots=True)
+class EndCurve:
+    """Ratio R / R_pull_down -> arc from this end [rad], piecewise linear. ValueError unless it rises from knot to knot.
+
+    Below the first knot the arc is that of the first knot; beyond the last the last slope goes on, to a full turn.
+    """
+
+    ratio: tuple[float, ...]
+    """R / R_pull_down at the knots, rising, >= 0; the first is the contact's and the lead's own resistance."""
+    arc_rad: tuple[float, ...]
+    """Arc from the end at the knots, rising, within [0, 2 pi]."""
+    arc_std_rad: tuple[float, ...]
+    """1-sigma of the table itself at the knots [rad]: what calibration has left open."""
+
+    def __post_init__(self) -> None:
+        sizes = {len(self.ratio), len(self.arc_rad), len(self.arc_std_rad)}
+        if len(sizes) > 1 or len(self.ratio) < 2:
+            raise ValueError(f"EndCurve of {sorted(sizes)} knots: give two or more, as many of each column")
+        for name in ("ratio", "arc_rad", "arc_std_rad"):
+            if not all(math.isfinite(value) and value >= 0.0 for value in getattr(self, name)):
+                raise ValueError(f"EndCurve.{name} = {getattr(self, name)}: give finite numbers of at least 0")
+        for name in ("ratio", "arc_rad"):
+            values = getattr(self, name)
+            if not all(low < high for low, high in pairwise(values)):
+                raise ValueError(f"EndCurve.{name} = {values}: must rise from knot to knot; calibrate again")
+        if self.arc_rad[-1] > FULL_TURN_RAD + 1e-9:
+            raise ValueError(f"EndCurve.arc_rad ends at {self.arc_rad[-1]} rad: a strap is one turn long, 2 pi at most")
+
+    @classmethod
+    def uniform(cls, full_turn_ratio: float) -> "EndCurve":
+        """Of a uniform strap with R_str = `full_turn_ratio` x R_pull_down and no contact resistance."""
+        return cls((0.0, full_turn_ratio), (0.0, FULL_TURN_RAD), (0.0, 0.0))
+
+    def at(self, ratio: float) -> tuple[float, float, float]:
+        """(arc [rad] within [0, 2 pi], slope d arc / d ratio [rad], 1-sigma of the table [rad]). Raises nothing."""
+        ratios, arcs, stds = self.ratio, self.arc_rad, self.arc_std_rad
+        after = min(max(bisect_right(ratios, ratio), 1), len(ratios) - 1)
+        before = after - 1
+        span = ratios[after] - ratios[before]
+        slope = (arcs[after] - arcs[before]) / span
+        beyond = ratio - ratios[before]
+        arc = min(max(arcs[before] + slope * beyond, arcs[0]), FULL_TURN_RAD)
+        share = min(max(beyond / span, 0.0), 1.0)
+        return arc, slope, stds[before] + share * (stds[after] - stds[before])
+
+    @property
+    def full_turn_ratio(self) -> float:
+        """Ratio with the contact a full turn away: the largest an intact strap in contact gives."""
+        slope = (self.arc_rad[-1] - self.arc_rad[-2]) / (self.ratio[-1] - self.ratio[-2])
+        return self.ratio[-1] + (FULL_TURN_RAD - self.arc_rad[-1]) / slope
