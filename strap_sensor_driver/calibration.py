@@ -98,7 +98,7 @@ class RoverCalibration:
         return None
 
     def mismatches(self, rover: str, inputs: Sequence[tuple[str, int, int]]) -> list[str]:
-        """What does not fit a rover called `rover` whose straps are on `inputs`, (wheel, board, channel) each; in words.
+        """What does not fit a rover called `rover` with straps on `inputs`, (wheel, board, channel) each; in words.
 
         A strap that the rover has and the calibration has not is no mismatch.
         """
