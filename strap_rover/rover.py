@@ -6,7 +6,7 @@ Lengths m, masses kg, forces N, angles rad; x from the front axle, forward posit
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,11 +36,44 @@ class WheelDescription:
         metadata={"doc": "+1: theta_n falls when the wheel rolls forward; -1: mounted mirrored", "choices": (1, -1)}
     )
     load_share: float = field(metadata={"doc": "part of the total vertical load", "min": 0.0, "max": 1.0})
+    second_board: int = field(
+        default=-1,
+        metadata={"doc": "id of the board that reads a second strap; -1: there is none", "min": -1, "max": 255},
+    )
+    second_channel: int = field(
+        default=0, metadata={"doc": "input of that board, where there is a second strap", "min": 0, "max": 2}
+    )
+    second_strap_shift_rad: float = field(
+        default=math.pi,
+        metadata={
+            "doc": "added to strap_offset_rad for the second strap; half a turn puts the seams opposite [rad]",
+            "min": -2.0 * math.pi,
+            "max": 2.0 * math.pi,
+        },
+    )
+
+    @property
+    def has_second_strap(self) -> bool:
+        """Whether a second strap looks where the seam of the first is."""
+        return self.second_board >= 0
 
     def __post_init__(self) -> None:
         check_settings(self)
         if not self.name or "/" in self.name or self.name != self.name.strip():
             raise SettingsError([f"name: {self.name!r} is no joint name; give letters and digits without slash"])
+
+
+@dataclass(frozen=True, slots=True)
+class StrapInput:
+    """Where one strap is read, and how it sits on its wheel."""
+
+    wheel_index: int
+    board: int
+    channel: int
+    offset_rad: float
+    """Strap angle theta_n at encoder zero [rad], not wrapped."""
+    direction: int
+    is_second: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +105,30 @@ class RoverDescription:
         return tuple(wheel.name for wheel in self.wheels)
 
     @property
+    def strap_inputs(self) -> tuple[StrapInput, ...]:
+        """Every strap: the first of each wheel in the order of the wheels, then the second ones in that order."""
+        first = [
+            StrapInput(index, wheel.board, wheel.channel, wheel.strap_offset_rad, wheel.strap_direction)
+            for index, wheel in enumerate(self.wheels)
+        ]
+        second = [
+            StrapInput(
+                index,
+                wheel.second_board,
+                wheel.second_channel,
+                wheel.strap_offset_rad + wheel.second_strap_shift_rad,
+                wheel.strap_direction,
+                is_second=True,
+            )
+            for index, wheel in enumerate(self.wheels)
+            if wheel.has_second_strap
+        ]
+        return (*first, *second)
+
+    @property
     def boards(self) -> tuple[int, ...]:
         """The boards that read straps, ascending, each once."""
-        return tuple(sorted({wheel.board for wheel in self.wheels}))
+        return tuple(sorted({strap.board for strap in self.strap_inputs}))
 
 
 def load_rover(name_or_path: str | Path) -> RoverDescription:
@@ -143,13 +197,15 @@ def _build_wheel(values: Mapping[str, Any], where: str, wheels: list[WheelDescri
 
 def _wheel_set_problems(wheels: Sequence[WheelDescription], *, complete: bool = True) -> list[str]:
     """What is wrong between wheels; with `complete` False some are missing, so shares cannot be summed."""
+    two_straps = any(wheel.has_second_strap for wheel in wheels)
     problems = [
         f"wheels: name {name!r} is used by {count} wheels; every wheel needs its own"
         for name, count in _repeated(wheel.name for wheel in wheels)
     ]
     problems += [
-        f"wheels: board {board} channel {channel} is used by {count} wheels; every strap needs its own input"
-        for (board, channel), count in _repeated((wheel.board, wheel.channel) for wheel in wheels)
+        f"wheels: board {board} channel {channel} is used by {count} {'straps' if two_straps else 'wheels'}; "
+        "every strap needs its own input"
+        for (board, channel), count in _repeated(_inputs(wheels))
     ]
     total = sum(wheel.load_share for wheel in wheels)
     if not wheels:
@@ -162,6 +218,14 @@ def _wheel_set_problems(wheels: Sequence[WheelDescription], *, complete: bool = 
             f"(the foremost wheel is at {max(wheel.x_m for wheel in wheels)})"
         )
     return problems
+
+
+def _inputs(wheels: Sequence[WheelDescription]) -> Iterator[tuple[int, int]]:
+    """Board and channel of every strap."""
+    for wheel in wheels:
+        yield wheel.board, wheel.channel
+        if wheel.has_second_strap:
+            yield wheel.second_board, wheel.second_channel
 
 
 def _joint_problems(joints: Iterable[str]) -> list[str]:

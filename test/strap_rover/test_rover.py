@@ -58,8 +58,27 @@ def test_every_shipped_rover_loads_under_its_own_name(name):
 
 
 def test_an_unknown_rover_names_the_known_ones():
-    with pytest.raises(SettingsError, match="no rover 'opportunity'; give one of curiosity, single_wheel"):
+    with pytest.raises(
+        SettingsError, match="no rover 'opportunity'; give one of curiosity, curiosity_two_straps, single_wheel"
+    ):
         load_rover("opportunity")
+
+
+def test_two_straps_per_wheel_are_read_by_boards_of_their_own():
+    one, two = load_rover("curiosity"), load_rover("curiosity_two_straps")
+    assert two.boards == (1, 2, 3, 4)
+    first, second = two.strap_inputs[:6], two.strap_inputs[6:]
+    assert first == one.strap_inputs
+    assert not any(wheel.has_second_strap for wheel in one.wheels)
+    for before, behind in zip(first, second, strict=True):
+        assert (behind.wheel_index, behind.channel, behind.direction) == (
+            before.wheel_index,
+            before.channel,
+            before.direction,
+        )
+        assert behind.board == before.board + 2
+        assert behind.offset_rad - before.offset_rad == pytest.approx(math.pi)
+        assert (before.is_second, behind.is_second) == (False, True)
 
 
 def test_load_by_default_is_mass_times_gravity(curiosity_yaml, load_text):
@@ -79,6 +98,11 @@ def changed_wheel(content, index, **changes):
         ({"name": "fl"}, "name 'fl' is used by 2 wheels"),
         ({"name": "a/b"}, "'a/b' is no joint name"),
         ({"board": 1, "channel": 0}, "board 1 channel 0 is used by 2 wheels"),
+        ({"second_board": 1, "second_channel": 1}, "board 1 channel 1 is used by 2 straps"),
+        ({"second_board": 2, "second_channel": 2}, "board 2 channel 2 is used by 2 straps"),
+        ({"second_board": 256}, "second_board: 256 is out of range"),
+        ({"second_board": 3, "second_channel": 3}, "second_channel: 3 is out of range"),
+        ({"second_strap_shift_rad": 7.0}, "second_strap_shift_rad: 7.0 is out of range"),
         ({"load_share": 0.3}, "load_share sums to 1.13333333"),
         ({"radius_m": 0.0}, "radius_m: 0.0 is out of range"),
         ({"radius_m": -0.25}, "radius_m: -0.25 is out of range"),
