@@ -18,7 +18,7 @@ else
     $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && echo $$p && break; done)
 endif
 
-.PHONY: help demo test check format bench golden studies clean
+.PHONY: help demo test check format bench golden studies firmware clean
 help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1  \t/p' $(firstword $(MAKEFILE_LIST)) | expand -t 18
 
@@ -47,6 +47,9 @@ golden: $(VENV)/.test  ## write the golden CSVs anew; review the difference befo
 
 studies: $(VENV)/.core  ## every case study beside the paper's numbers (minutes)
 	$(BIN)/strap_rover case_study all
+
+firmware:  ## the strap board's firmware (ELF, HEX) and, with libsimavr, the simulated Uno: build/firmware
+	@$(MAKE) --no-print-directory -C firmware
 
 clean:  ## remove environment, builds, output, caches
 	rm -rf $(VENV) build install log out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis \
