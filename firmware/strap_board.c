@@ -108,8 +108,7 @@ static bool misbehave(uint8_t byte) {
         }
     case 'X':
         cli();
-        for (;;) {
-        }
+        for (;;) __asm__ volatile("nop"); /* simavr takes a jump to itself with interrupts off for the end */
     case 't':
         while (serial_room()) serial_put(0);
         return true;

@@ -24,12 +24,15 @@
 #define UBRR0L_AT 0xC4
 #define UBRR0H_AT 0xC5
 #define SENT_RING 8192u /* half a second at a megabaud: emptied every millisecond */
-#define RJMP_TO_ITSELF 0xCFFF
+/* An endless loop is two instructions: a jump to itself libsimavr takes for the end. */
+#define NOP 0x0000
+#define RJMP_TO_THE_ONE_BEFORE 0xCFFE
 
 static avr_t *avr;
 static avr_irq_t *adc_irq, *uart_in_irq;
 static struct inputs *inputs;
 static struct board_totals totals;
+static uint32_t loop_at;      /* an endless loop, behind the firmware */
 static uint64_t held_cycles; /* in which the board stood still */
 static uint64_t boot_cycles, boots_until;
 static bool is_off, has_booted_anew, is_uart_full;
@@ -173,8 +176,10 @@ const char *board_load(const char *elf_path, struct inputs *in, unsigned boot_ms
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_sent, NULL);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUT_XON), on_uart_room, NULL);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUT_XOFF), on_uart_full, NULL);
-    avr->flash[avr->flashend - 3] = RJMP_TO_ITSELF & 0xFF;
-    avr->flash[avr->flashend - 2] = RJMP_TO_ITSELF >> 8;
+    loop_at = (avr->flashend + 1u - 16u) & ~1u;
+    avr->flash[loop_at] = avr->flash[loop_at + 1] = NOP;
+    avr->flash[loop_at + 2] = RJMP_TO_THE_ONE_BEFORE & 0xFF;
+    avr->flash[loop_at + 3] = RJMP_TO_THE_ONE_BEFORE >> 8;
     return NULL;
 }
 
@@ -215,7 +220,7 @@ void board_power_off(void) {
 
 void board_hang(void) {
     avr->state = cpu_Running;
-    avr->pc = avr->flashend - 3;
+    avr->pc = loop_at;
 }
 
 bool board_run_until(uint64_t cycle) {
