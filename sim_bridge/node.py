@@ -8,6 +8,8 @@ from rclpy.context import Context
 from sim_bridge.messages import TruthMessages
 from sim_bridge.parameters import SimBridgeParameters
 from sim_bridge.scenarios import Scenario, scenario_named
+from sim_bridge.simulated_uno import SimulatedUnos
+from sim_bridge.strap_faults import StrapFault
 from sim_bridge.virtual_ports import VirtualPorts
 from sim_bridge.world import World, WorldReport, board_links
 from strap_rover import topics
@@ -23,6 +25,7 @@ LAG_LIMIT_NS = 500_000_000
 """A world that is later than this (its process was stopped) does not catch up: its time goes on from now."""
 SCANS_AT_ONCE = 20
 """Scans made up for in one go: where the machine is too slow for the world, commands and signals come in between."""
+UNO_POLL_S = 0.1
 CLOCK_STEP_NS = 2_000_000
 """Stamps follow the host's clock when it is set, or has been slewed by this."""
 
@@ -30,11 +33,13 @@ CLOCK_STEP_NS = 2_000_000
 class SimBridge(NodeShell[SimBridgeParameters]):
     """Moves the world and publishes what its sensors see; strap frames go to the links.
 
-    Live it goes by the host's clock, as a rover does, and serves the boards on pseudo-terminals. In lockstep, and with
-    `links`, the runner's time and links take their place, and /clock says that time.
+    Live it goes by the host's clock, as a rover does, and serves the boards on pseudo-terminals: virtual ones, or
+    simulated Unos that execute the firmware. In lockstep, and with `links`, the runner's time and links take their
+    place, and /clock says that time.
     """
 
     _ports: VirtualPorts | None = None
+    _unos: SimulatedUnos | None = None
 
     def __init__(
         self,
@@ -56,12 +61,17 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         rover = load_rover(self.settings.rover or chosen.rover)
         if self_ticking and self.get_parameter("use_sim_time").value:
             raise SettingsError(["sim_bridge: a live world goes by the host's clock; leave use_sim_time false"])
-        if links is None and self_ticking:
+        if links is None and self_ticking and self.settings.firmware:
+            self._unos = SimulatedUnos(self.settings, rover)
+            links = {}
+        elif links is None and self_ticking:
             self._ports = VirtualPorts(self.settings, rover.boards)
             links = self._ports.lines
         elif links is None:
             links = {board: ends[1] for board, ends in board_links(rover, self.settings).items()}
-        self.world = world = World(rover, chosen, links, self.settings.seed, self.settings)
+        sinks = None if self._unos is None else self._unos.unos
+        self.world = world = World(rover, chosen, links, self.settings.seed, self.settings, sinks=sinks)
+        self._begin_strap_fault()
         wheels = len(rover.wheels)
         self._wheel_joints = telemetry.JointTelemetry(topics.WHEEL_STATES.name, rover.wheel_names)
         self._suspension_joints = telemetry.JointTelemetry(topics.SUSPENSION.name, rover.suspension_joints)
@@ -77,9 +87,12 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         self._suspension = self.announce(topics.SUSPENSION)
         self._ground_truth = self.announce(topics.GROUND_TRUTH)
         self._lags = self._lags_told = 0
+        self._stamps_lag_ns = 0 if self._ports is None else world.frame_latency_ns
         if self_ticking:
             self._start()
             self.every(world.scan_period_ns * 1e-9, self._follow_clock)
+        if self._unos is not None:
+            self.every(UNO_POLL_S, self._unos.poll)
 
     def tick(self) -> None:
         """Move the world up to the time set, by whole periods, and publish what is seen."""
@@ -88,9 +101,16 @@ class SimBridge(NodeShell[SimBridgeParameters]):
             self._publish(self.world.advance(target_ns))
 
     def settings_changed(self) -> None:
-        """Begin or end a fault on the serial lines."""
+        """Begin or end a fault on the serial lines, and of the straps."""
+        try:
+            self._begin_strap_fault()
+        except SettingsError as error:
+            self.get_logger().warning(str(error))
+            return
         if self._ports is not None:
             self._ports.begin_fault(self.settings, self.world.reset_board)
+        elif self._unos is not None:
+            self._unos.begin_fault(self.settings)
 
     def health(self) -> Sequence[Health]:
         """Where the rover is, and each virtual port."""
@@ -104,33 +124,49 @@ class SimBridge(NodeShell[SimBridgeParameters]):
                 "stood still, boards began anew: was it stopped, or is this machine too slow?",
             )
             self._lags_told = self._lags
-        world = Health("world", level, text, values)
-        ports = () if self._ports is None else self._ports.report()
-        return [world, *(Health(f"port {name}", HealthLevel.OK, text, counts) for name, text, counts in ports)]
+        if self.settings.strap_fault != StrapFault.NONE.value:
+            text += f"; fault of straps on purpose: {self.settings.strap_fault}"
+        served = self._ports or self._unos
+        parts = [Health("world", level, text, values)]
+        for name, is_well, said, counts in () if served is None else served.report():
+            parts.append(Health(f"port {name}", HealthLevel.OK if is_well else HealthLevel.WARN, said, counts))
+        return parts
 
     def destroy_node(self) -> None:
         """Close the ports, then as any node."""
-        if self._ports is not None:
-            self._ports.close()
+        for served in (self._ports, self._unos):
+            if served is not None:
+                served.close()
         super().destroy_node()
 
     def _start(self) -> None:
-        """The world's time goes on from this moment."""
+        """The world's time goes on from this moment.
+
+        A pseudo-terminal delivers at once what a driver takes to have been under way for half a scan and the transfer.
+        So with virtual boards stamps lag the host by just that: then telemetry and scans agree about when they were.
+        Simulated Unos scan and send as slowly as real ones.
+        """
         self._origin_ns = time.monotonic_ns() - self.world.now_ns
-        self.world.epoch_ns = self.now_ns() - self.world.now_ns
+        self.world.epoch_ns = self.now_ns() - self.world.now_ns - self._stamps_lag_ns
+        if self._unos is not None:
+            self._unos.set_origin(self._origin_ns)
+
+    def _begin_strap_fault(self) -> None:
+        struck = self.settings.struck_straps(self.world.rover)
+        self.world.begin_strap_fault(StrapFault(self.settings.strap_fault), struck, self.settings.strap_fault_size)
 
     def _follow_clock(self) -> None:
         """Move the world up to now, scan by scan, its stamps by the host's clock whatever that does."""
         world = self.world
         began_ns, host_ns = time.monotonic_ns(), self.now_ns()
-        stepped_ns = host_ns - (began_ns - self._origin_ns) - world.epoch_ns
+        stepped_ns = host_ns - self._stamps_lag_ns - (began_ns - self._origin_ns) - world.epoch_ns
         # Looked at again where the process was put aside between the two clocks.
         if abs(stepped_ns) > CLOCK_STEP_NS and time.monotonic_ns() - began_ns < CLOCK_STEP_NS // 2:
             world.epoch_ns += stepped_ns
         if time.monotonic_ns() - self._origin_ns - world.now_ns > LAG_LIMIT_NS:
             self._lags += 1
             self._start()
-            for board in world.rover.boards:
+            for board in world.virtual_boards:
                 world.reset_board(board)  # their clocks stood still, as no clock does: they begin anew
         for _ in range(SCANS_AT_ONCE):
             if time.monotonic_ns() - self._origin_ns < world.now_ns + world.scan_period_ns:

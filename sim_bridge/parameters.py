@@ -4,7 +4,10 @@ from dataclasses import dataclass, field
 
 from sim_bridge.line_faults import LineFault
 from sim_bridge.scenarios import SCENARIOS
+from sim_bridge.strap_faults import StrapFault
 from sim_bridge.world import SensorSettings
+from strap_rover.rover import RoverDescription, StrapInput
+from strap_rover.settings import SettingsError
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,3 +53,50 @@ class SimBridgeParameters(SensorSettings):
             "strap/raw; {board} stands for its id; empty: none"
         },
     )
+    strap_fault: str = field(
+        default=StrapFault.NONE.value,
+        metadata={
+            "doc": "what is wrong with straps, their leads or inputs, to practise with",
+            "choices": tuple(fault.value for fault in StrapFault),
+            "tunable": True,
+        },
+    )
+    strap_fault_wheel: str = field(
+        default="", metadata={"doc": "name of the wheel that the fault strikes; empty: all", "tunable": True}
+    )
+    strap_fault_strap: str = field(
+        default="both",
+        metadata={
+            "doc": "which of a wheel's straps, where it has two",
+            "choices": ("both", "first", "second"),
+            "tunable": True,
+        },
+    )
+    strap_fault_size: float = field(
+        default=1.0,
+        metadata={
+            "doc": "times as bad as usual: noisy, drift, reference, floating, intermittent",
+            "min": 0.0,
+            "max": 10.0,
+            "tunable": True,
+        },
+    )
+    firmware: str = field(
+        default="",
+        metadata={
+            "doc": "live: firmware (ELF) that simulated Unos execute, one per board; the program simulated_uno stands "
+            "beside it; empty: virtual boards"
+        },
+    )
+
+    def struck_straps(self, rover: RoverDescription) -> tuple[StrapInput, ...]:
+        """The straps of `rover` that `strap_fault` strikes; SettingsError when it has no such wheel."""
+        name = self.strap_fault_wheel
+        if name and name not in rover.wheel_names:
+            raise SettingsError([f"strap_fault_wheel: no wheel {name!r}; give one of {', '.join(rover.wheel_names)}"])
+        return tuple(
+            strap
+            for strap in rover.strap_inputs
+            if name in {"", rover.wheel_names[strap.wheel_index]}
+            and self.strap_fault_strap in {"both", "second" if strap.is_second else "first"}
+        )

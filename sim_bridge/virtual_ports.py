@@ -43,14 +43,14 @@ class VirtualPorts:
                 reset(board)
             line.begin(fault, settings.line_fault_share)
 
-    def report(self) -> Iterator[tuple[str, str, Mapping[str, object]]]:
-        """Name, state in words, and counts of each port."""
+    def report(self) -> Iterator[tuple[str, bool, str, Mapping[str, object]]]:
+        """Name, whether all is well, state in words, and counts of each port."""
         for line in self.lines.values():
             state = "open" if line.port.is_heard else "nobody has it open"
             if line.fault is not LineFault.NONE:
                 state += f"; fault on purpose: {line.fault.value}"
             counts = {"openings": line.session, "dropped_bytes": line.port.dropped_bytes, "harmed": line.harmed}
-            yield line.name, state, counts
+            yield line.name, True, state, counts
 
     def close(self) -> None:
         """Close every port."""

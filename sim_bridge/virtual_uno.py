@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from sim_bridge.painted_strap import FULL_COUNT, PaintedStrap
 from strap_sensor_driver.device_clock import scan_duration_us, transfer_time_us
 from strap_sensor_driver.frames import (
     CHANNELS,
@@ -22,7 +23,6 @@ from strap_sensor_driver.frames import (
 )
 from strap_sensor_driver.strap import FULL_TURN_RAD, Strap
 
-FULL_COUNT: Final = 1023
 POWER_ON_RESET: Final = 1
 WATCHDOG_RESET: Final = 8
 _HELLO_PERIOD_US = 1_000_000
@@ -37,13 +37,13 @@ class VirtualUno:
 
     __slots__ = (
         "_asked",
-        "_divider",
         "_frame_us",
         "_hello_us",
         "_noise_lsb",
         "_reset_cause",
         "_rng",
         "_seq",
+        "_straps",
         "_vref_mv",
         "board_id",
         "osr",
@@ -52,7 +52,7 @@ class VirtualUno:
     def __init__(
         self,
         board_id: int,
-        straps: Sequence[Strap],
+        straps: Sequence[Strap | PaintedStrap],
         *,
         osr: int = 4,
         noise_lsb: float = 0.5,
@@ -61,7 +61,8 @@ class VirtualUno:
     ) -> None:
         if not 0 <= board_id <= 255:
             raise ValueError(f"board_id = {board_id}: must fit one byte, 0..255")
-        if len(straps) * 2 != CHANNELS or len({strap.supply_v for strap in straps}) != 1:
+        painted = [strap if isinstance(strap, PaintedStrap) else PaintedStrap.perfect(strap) for strap in straps]
+        if len(painted) * 2 != CHANNELS or len({strap.nominal.supply_v for strap in painted}) != 1:
             raise ValueError(f"{len(straps)} straps: a board reads three straps on one supply; repeat one for a spare")
         if not (1 <= osr <= 64 and rate_hz > 0.0 and scan_duration_us(osr) < 1e6 / rate_hz):
             raise ValueError(
@@ -72,8 +73,8 @@ class VirtualUno:
             raise ValueError(f"noise_lsb = {noise_lsb}: a standard deviation in converter steps, 0 or more")
         self.board_id = board_id
         self.osr = osr
-        self._divider = [(strap.gain_a_rad, strap.gain_b_rad, strap.inverted) for strap in straps]
-        self._vref_mv = round(1e3 * straps[0].supply_v)
+        self._straps = painted
+        self._vref_mv = round(1e3 * painted[0].nominal.supply_v)
         self._noise_lsb = noise_lsb
         self._frame_us = round(1e6 / rate_hz)
         self._rng = rng
@@ -109,22 +110,16 @@ class VirtualUno:
         Arcs are strap angles [rad], three of each; beta_1 > beta_2 means the arc covers the seam: both ends then
         read the supply. No contact, or an arc of no width: both read 0 V. ValueError for angles outside [0, 2 pi].
         """
-        counts = []
-        for (gain_a, gain_b, inverted), first, second, touches in zip(
-            self._divider, beta_1, beta_2, contact, strict=True
-        ):
+        shares: list[float] = []
+        for strap, first, second, touches in zip(self._straps, beta_1, beta_2, contact, strict=True):
             if not (0.0 <= first <= FULL_TURN_RAD and 0.0 <= second <= FULL_TURN_RAD):
                 raise ValueError(f"arc [{first}, {second}] rad: strap angles lie in [0, 2 pi]; wrap them first")
-            if not touches or first == second:
-                share_a = share_b = 0.0
-            elif first > second:
-                share_a = share_b = 1.0
-            else:
-                share_a = gain_a / (gain_a + first)
-                share_b = gain_b / (gain_b + (FULL_TURN_RAD - second))
-            if inverted:
-                share_a, share_b = 1.0 - share_a, 1.0 - share_b
-            counts += [FULL_COUNT * share_a, FULL_COUNT * share_b]
+            shares += strap.shares(first, second, touches)
+        return self.scan_shares(device_us, shares)
+
+    def scan_shares(self, device_us: int, shares: Sequence[float]) -> bytes:
+        """As `scan`, from the volts themselves: V/V_DD of the six inputs, A0 B0 A1 B1 A2 B2; the converter clips."""
+        counts = [FULL_COUNT * share for share in shares]
         samples = self._rng.standard_normal((self.osr, CHANNELS))
         samples *= self._noise_lsb
         samples += counts

@@ -6,17 +6,20 @@ seeded noise. It never learns what the estimator or the controller think.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
 from sim_bridge import plant as p
+from sim_bridge.painted_strap import StrapFlaws, paint
 from sim_bridge.plant import Plant
 from sim_bridge.scenarios import Scenario, Site
+from sim_bridge.strap_faults import SPARE_ID, FaultyStrap, StrapFault
 from sim_bridge.virtual_uno import VirtualUno
-from strap_rover.arrays import FloatArray, IntArray
-from strap_rover.rover import RoverDescription
+from strap_rover.arrays import BoolArray, FloatArray, IntArray
+from strap_rover.rover import RoverDescription, StrapInput
 from strap_rover.settings import SettingsError, check_settings
 from strap_rover.telemetry import Attitude, BodyMotion, Suspension, WheelCommands, WheelStates
 from strap_sensor_driver.device_clock import scan_duration_us, transfer_time_us
@@ -27,10 +30,18 @@ from strap_sensor_driver.strap import BEST_PULL_DOWN_RATIO, Strap, strap_resista
 NS = 1_000_000_000
 _FULL_TURN = 2.0 * math.pi
 _THREE_QUARTERS = 1.5 * math.pi
+_STRAP_STREAM = 0x57A9
+"""Keeps what straps are drawn with apart from what ground and sensors are, which the same seed makes."""
+_SLOPE_S = 0.001
+"""How far ahead the straps are looked at for the slopes of the volts."""
+
+
+_Arc: TypeAlias = tuple[float, float, bool]
+"""beta_1, beta_2 [rad], and whether the wheel touches the ground."""
 
 
 @dataclass(frozen=True, slots=True)
-class SensorSettings:
+class SensorSettings(StrapFlaws):
     """How well the simulated sensors see; field names carry the units."""
 
     telemetry_rate_hz: float = field(
@@ -119,6 +130,11 @@ def nominal_strap(radius_m: float, pull_down_ratio: float, supply_v: float) -> S
     return Strap(resistance, pull_down_ratio * resistance, pull_down_ratio * resistance, supply_v)
 
 
+def board_id_under(board: int, *, is_wrong: bool) -> int:
+    """The id that a board says: its own, or that of a spare board which was put in its place."""
+    return (board + SPARE_ID) % 256 if is_wrong else board
+
+
 def periods_ns(sensors: SensorSettings, scenario: Scenario) -> tuple[int, int, int]:
     """Periods of strap scans, telemetry and ground truth [ns], each a multiple of the one before it.
 
@@ -152,14 +168,29 @@ def _seeds(rover: RoverDescription, seed: int) -> list[np.random.SeedSequence]:
     return np.random.SeedSequence(seed).spawn(2 + len(rover.boards))
 
 
+class VoltsSink(Protocol):
+    """A board that scans by itself: it is told what its inputs see, not when to look."""
+
+    def volts(self, at_ns: int, volts: Sequence[float], slopes: Sequence[float]) -> None:
+        """Volts of the six inputs at world time `at_ns`, and how they go on from there [V/s]."""
+
+
+@dataclass(slots=True)
+class _Inputs:
+    """The straps on a board's inputs."""
+
+    straps: list[int]
+    """Index into the rover's strap inputs per channel; a spare channel repeats one that is never looked at there."""
+    last_converted: float = 0.0
+    """Share of the last input, B2, in the scan before: a floating A0 follows it."""
+
+
 @dataclass(slots=True)
 class _Board:
     """One virtual board, its line and its own time."""
 
     uno: VirtualUno
     link: ByteLink
-    wheels: IntArray
-    """Wheel index per channel."""
     rate: float
     """Microseconds of the board per microsecond."""
     session: int
@@ -185,28 +216,37 @@ class World:
         links: Mapping[int, ByteLink],
         seed: int,
         sensors: SensorSettings | None = None,
+        *,
+        sinks: Mapping[int, VoltsSink] | None = None,
     ) -> None:
         self.rover = rover
         self.scenario = scenario
         self.sensors = sensors or SensorSettings()
-        missing = [board for board in rover.boards if board not in links]
+        self._sinks = dict(sinks or {})
+        missing = [board for board in rover.boards if board not in links and board not in self._sinks]
         if missing:
             raise ValueError(f"no link for board(s) {missing} of rover {rover.name!r}: hand in one per board")
         _, look, *boards = _seeds(rover, seed)
         self.site = site_of(scenario, rover, seed)
         self.plant = Plant(rover, self.site.terrain, scenario.plant, self.site.snag)
         self._rng = np.random.default_rng(look)
-        self._offsets = np.array([w.strap_offset_rad for w in rover.wheels]) - _THREE_QUARTERS
-        self._directions = np.array([float(w.strap_direction) for w in rover.wheels])
+        self._strap_inputs = rover.strap_inputs
+        self._on_wheel: IntArray = np.array([strap.wheel_index for strap in self._strap_inputs], dtype=np.int64)
+        self._offsets = np.array([strap.offset_rad for strap in self._strap_inputs]) - _THREE_QUARTERS
+        self._directions = np.array([float(strap.direction) for strap in self._strap_inputs])
+        self._theta_before: FloatArray | None = None
+        self.straps = self._painted(seed)
+        """Every strap as it truly is, in the order of the rover's `strap_inputs`."""
+        self._inputs = {board: self._inputs_of(board) for board in rover.boards}
         self._boards = {
             board: _Board(
                 self._board(board, np.random.default_rng(source)),
                 links[board],
-                self._channels(board),
                 1.0 + (1e-6 if index % 2 == 0 else -1e-6) * self.sensors.board_clock_ppm,
                 links[board].session,
             )
             for index, (board, source) in enumerate(zip(rover.boards, boards, strict=True))
+            if board not in self._sinks
         }
         self._step_ns = round(scenario.plant.step_s * NS)
         self._scan_ns, self.period_ns, self._truth_ns = periods_ns(self.sensors, scenario)
@@ -225,8 +265,22 @@ class World:
         self._commanded_ns = self.now_ns
 
     def reset_board(self, board: int) -> None:
-        """Restart a board: it is silent while it boots, and begins anew with device time and sequence 0."""
+        """Restart a virtual board: it is silent while it boots, and begins anew with device time and sequence 0."""
         self._restart(self._boards[board])
+
+    def begin_strap_fault(self, fault: StrapFault, struck: Sequence[StrapInput], size: float = 1.0) -> None:
+        """Put the straps `struck` into `fault`, `size` times as bad as usual, and all others in order.
+
+        `WRONG_BOARD` puts a spare board in the place of each that reads one of them.
+        """
+        for strap, place in zip(self.straps, self._strap_inputs, strict=True):
+            strap.begin(fault if place in struck else StrapFault.NONE, size)
+        wrong = {place.board for place in struck} if fault is StrapFault.WRONG_BOARD else set()
+        for number, board in self._boards.items():
+            answers = board_id_under(number, is_wrong=number in wrong)
+            if board.uno.board_id != answers:
+                board.uno.board_id = answers
+                self._restart(board)
 
     def advance(self, now_ns: int) -> WorldReport:
         """Move the world to `now_ns`, a whole number of telemetry periods ahead, and look at it.
@@ -244,6 +298,16 @@ class World:
         """Move the world by one strap scan; look at it where a telemetry period ends, else None."""
         self._advance_scan()
         return self._look() if self.now_ns % self.period_ns == 0 else None
+
+    @property
+    def virtual_boards(self) -> tuple[int, ...]:
+        """The boards that the world itself makes frames for."""
+        return tuple(self._boards)
+
+    @property
+    def frame_latency_ns(self) -> int:
+        """From the middle of a scan until a real board's frame of it has arrived [ns]."""
+        return 1000 * (self._half_scan_us + transfer_time_us(self.sensors.baud, DATA_WIRE_BYTES))
 
     @property
     def scan_period_ns(self) -> int:
@@ -264,16 +328,19 @@ class World:
 
     def _scan_straps(self) -> None:
         """One frame per board; the plant's present state is the middle of the scan."""
-        contact = self.plant.contact
-        theta_n = self._offsets - self._directions * self.plant.wheels[p.ANGLE]
+        contact = self.plant.contact[:, self._on_wheel]
+        theta_n = self._offsets - self._directions * self.plant.wheels[p.ANGLE, self._on_wheel]
         entry = np.mod(self._directions * contact[p.THETA_1] - theta_n, _FULL_TURN)
         leave = np.mod(self._directions * contact[p.THETA_2] - theta_n, _FULL_TURN)
         forward = self._directions > 0.0
         beta_1 = np.where(forward, leave, entry)
         beta_2 = np.where(forward, entry, leave)
         touching = contact[p.THETA_1] > contact[p.THETA_2]
+        arcs = list(zip(beta_1.tolist(), beta_2.tolist(), touching.tolist(), strict=True))
+        for strap in self.straps:
+            strap.advance(self.now_ns)
         sent_ns = self.now_ns + 1000 * self._half_scan_us
-        for board in self._boards.values():
+        for number, board in self._boards.items():
             for data, _ in board.link.read(self.now_ns):
                 board.uno.feed(data)
             if board.link.session != board.session:  # an Uno restarts when its port is opened
@@ -281,14 +348,47 @@ class World:
                 self._restart(board)
             if self.now_ns < board.speaks_ns:
                 continue
-            wheels = board.wheels
-            frame = board.uno.scan(
-                board.device_us(self.now_ns) - self._half_scan_us,
-                beta_1[wheels].tolist(),
-                beta_2[wheels].tolist(),
-                touching[wheels].tolist(),
-            )
+            inputs = self._inputs[number]
+            shares = self._shares(inputs, arcs)
+            inputs.last_converted = shares[-1]
+            frame = board.uno.scan_shares(board.device_us(self.now_ns) - self._half_scan_us, shares)
             board.link.write(frame, sent_ns)
+        if self._sinks:
+            self._tell_sinks(arcs, contact, forward)
+
+    def _shares(self, inputs: _Inputs, arcs: Sequence[_Arc], ahead_s: float = 0.0) -> list[float]:
+        """V/V_DD of a board's six inputs, A0 B0 A1 B1 A2 B2."""
+        shares: list[float] = []
+        before = inputs.last_converted
+        for index in inputs.straps:
+            beta_1, beta_2, touches = arcs[index]
+            pair = self.straps[index].shares(beta_1, beta_2, touches=touches, before=before, ahead_s=ahead_s)
+            shares += pair
+            before = pair[1]
+        return shares
+
+    def _tell_sinks(self, arcs: Sequence[_Arc], contact: FloatArray, forward: BoolArray) -> None:
+        """Volts, and slopes from wheel and zone: d beta/dt = direction (omega + d theta/dt). Not over a seam."""
+        theta = contact[[p.THETA_1, p.THETA_2]]
+        before = theta if self._theta_before is None else self._theta_before
+        rates = (theta - before) * (NS / self._scan_ns) + self.plant.wheels[p.OMEGA, self._on_wheel]
+        self._theta_before = theta
+        moved = (self._directions * rates * _SLOPE_S).T.tolist()
+        later: list[_Arc] = []
+        for (beta_1, beta_2, touches), (of_entry, of_leave), runs in zip(arcs, moved, forward.tolist(), strict=True):
+            next_1 = beta_1 + (of_leave if runs else of_entry)
+            next_2 = beta_2 + (of_entry if runs else of_leave)
+            in_turn = min(next_1, next_2) >= 0.0 and max(next_1, next_2) <= _FULL_TURN
+            same_side = (next_1 < next_2) == (beta_1 < beta_2)
+            later.append((next_1, next_2, touches) if in_turn and same_side else (beta_1, beta_2, touches))
+        supply_v = self.sensors.supply_v
+        for number, sink in self._sinks.items():
+            inputs = self._inputs[number]
+            now, then = self._shares(inputs, arcs), self._shares(inputs, later, _SLOPE_S)
+            inputs.last_converted = now[-1]
+            volts = [supply_v * share for share in now]
+            slopes = [supply_v * (after - share) / _SLOPE_S for share, after in zip(now, then, strict=True)]
+            sink.volts(self.now_ns, volts, slopes)
 
     def _look(self) -> WorldReport:
         sensors, body = self.sensors, self.plant.body
@@ -342,23 +442,26 @@ class World:
         whole = np.array([body[p.X], body[p.SPEED], body[p.PITCH], body[p.EXTERNAL_LOAD]])
         return GroundTruth(self.epoch_ns + self.now_ns, per_wheel, whole)
 
+    def _painted(self, seed: int) -> list[FaultyStrap]:
+        sources = np.random.SeedSequence((seed, _STRAP_STREAM)).spawn(len(self._strap_inputs))
+        straps: list[FaultyStrap] = []
+        for place, source in zip(self._strap_inputs, sources, strict=True):
+            of_layer, of_faults = source.spawn(2)
+            radius_m = self.rover.wheels[place.wheel_index].radius_m
+            nominal = nominal_strap(radius_m, self.sensors.pull_down_ratio, self.sensors.supply_v)
+            straps.append(FaultyStrap(paint(nominal, self.sensors, of_layer), np.random.default_rng(of_faults)))
+        return straps
+
     def _board(self, board: int, rng: np.random.Generator) -> VirtualUno:
-        wheels = {wheel.channel: wheel for wheel in self.rover.wheels if wheel.board == board}
-        fallback = next(iter(wheels.values()))
-        straps = [
-            nominal_strap(wheels.get(channel, fallback).radius_m, self.sensors.pull_down_ratio, self.sensors.supply_v)
-            for channel in range(3)
-        ]
         return VirtualUno(
-            board, straps, osr=self.sensors.osr, noise_lsb=self.sensors.adc_noise_lsb,
-            rate_hz=self.sensors.scan_rate_hz, rng=rng,
+            board, [self.straps[index].strap for index in self._inputs[board].straps], osr=self.sensors.osr,
+            noise_lsb=self.sensors.adc_noise_lsb, rate_hz=self.sensors.scan_rate_hz, rng=rng,
         )  # fmt: skip
 
-    def _channels(self, board: int) -> IntArray:
-        """Wheel index per channel of a board; an unused channel repeats a wheel that is never looked at there."""
-        wheels = {wheel.channel: index for index, wheel in enumerate(self.rover.wheels) if wheel.board == board}
-        fallback = next(iter(wheels.values()))
-        return np.array([wheels.get(channel, fallback) for channel in range(3)], dtype=np.int64)
+    def _inputs_of(self, board: int) -> _Inputs:
+        found = {strap.channel: index for index, strap in enumerate(self._strap_inputs) if strap.board == board}
+        spare = next(iter(found.values()))
+        return _Inputs([found.get(channel, spare) for channel in range(3)])
 
     def _suspension_geometry(self) -> list[tuple[int, int, int]]:
         """(front, middle, rear) wheel indices per side, left then right; empty without suspension joints."""
