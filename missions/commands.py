@@ -8,8 +8,9 @@ from pathlib import Path
 from rich.console import Console
 
 import strap_rover
+from missions.calibrate_options import add_calibrate
 from missions.case_studies.catalogue import STUDIES
-from missions.plan import CONTROLLERS, RunPlan, plan_run
+from missions.plan import CONTROLLERS, RunPlan, plan_run, with_firmware
 from missions.stop_request import StopRequest
 from sim_bridge.scenarios import SCENARIOS
 from strap_rover.flight_recorder.bag_format import BagError
@@ -51,6 +52,9 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument("--params-file", type=Path, metavar="FILE", help="ROS parameter file over the shipped config/")
     demo.add_argument("--rover", metavar="NAME", help="a rover of config/rovers or a YAML file of your own")
     demo.add_argument("--live", action="store_true", help="nodes as processes on wall time, boards on serial ports")
+    demo.add_argument(
+        "--firmware", action="store_true", help="with --live: boards are simulated Unos that execute build/firmware"
+    )
     demo.add_argument("--executor", choices=("events", "single"), default="events", help="of the nodes of --live")
     demo.set_defaults(command=_demo)
 
@@ -84,6 +88,8 @@ def parser() -> argparse.ArgumentParser:
     watch.add_argument("--wait", type=float, metavar="S", help="with --once: how long to wait for it (default 5)")
     watch.set_defaults(command=_watch)
 
+    add_calibrate(commands, _calibrate)
+
     study = commands.add_parser("case_study", help="many runs of one question, as a table")
     study.add_argument("study", choices=("all", *STUDIES), metavar="NAME", help=f"all, {', '.join(STUDIES)}")
     study.add_argument("--out", type=Path, metavar="DIR", help="empty folder for the results")
@@ -102,6 +108,10 @@ def _demo(options: argparse.Namespace, console: Console, stop: StopRequest) -> i
     plan = plan_run(
         options.scenario, options.controller, options.seed, options.duration, options.params_file, options.rover
     )
+    if options.firmware and not options.live:
+        return _complain("--firmware: boards live by wall time; give --live as well", EXIT_ASKED_WRONGLY)
+    if options.firmware:
+        plan = with_firmware(plan)
     kind = "live" if options.live else "demo"
     try:
         folder = output_folder(options.out, f"{kind}-{plan.scenario.name}-{plan.controller.policy}")
@@ -181,6 +191,19 @@ def _watch(options: argparse.Namespace, console: Console, stop: StopRequest) -> 
         return EXIT_OK if watch_once(console, stop, options.wait or 5.0) else EXIT_STOPPED
     except NothingHeardError as error:
         return _complain(error, EXIT_FAILED)
+
+
+def _calibrate(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:
+    from missions.bench_board import StoppedError  # noqa: PLC0415 - scipy is slow
+    from missions.calibrate import calibrate  # noqa: PLC0415
+    from strap_sensor_driver.calibration_fit import CalibrationError  # noqa: PLC0415
+
+    try:
+        return EXIT_OK if calibrate(options, console, stop) else EXIT_STOPPED
+    except StoppedError:
+        return _complain("stopped before anything was measured", EXIT_STOPPED)
+    except CalibrationError as error:
+        return _complain(error, EXIT_STOPPED if stop() else EXIT_FAILED)
 
 
 def _case_study(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:

@@ -80,9 +80,10 @@ def run_live(
         BagError: the bag cannot be read back.
     """
     keep_to_this_machine()
+    boards = "simulated Unos execute the firmware" if plan.world.firmware else "virtual boards"
     console.print(
         f"[bold]{plan.scenario.name}[/]: {plan.scenario.meaning}\n"
-        f"controller {plan.controller.policy}, seed {plan.seed}, {plan.duration_s:g} s on wall time, live; "
+        f"controller {plan.controller.policy}, seed {plan.seed}, {plan.duration_s:g} s on wall time, live, {boards}; "
         f"watch it: [bold]strap_rover watch[/] in another terminal"
     )
     with (
@@ -179,6 +180,9 @@ def print_report(result: LiveResult, console: Console) -> None:
     table = Table(show_header=False, box=None, padding=(0, 2))
     restarts = f", boards restarted {report.board_restarts} x" if report.board_restarts else ""
     table.add_row("frames", f"{report.frames}, {report.frames_lost} lost{restarts}")
+    if report.versions:
+        said = ", ".join(f"board {board} {version}" for board, version in report.versions.items())
+        table.add_row("frames came from", escape(said))
     table.add_row("wheel commands", f"{report.commands_hz:.1f} Hz, longest gap {report.longest_command_gap_ms:.0f} ms")
     table.add_row("bag", f"{report.messages} messages, {report.messages_lost} lost")
     for name, code in report.exit_codes.items():

@@ -15,11 +15,13 @@ from missions.plan import NS
 from strap_rover import topics
 from strap_rover.flight_recorder.bag_reader import iterate_messages, read_bag_summary
 from strap_rover.flight_recorder.recorder import LOSS_KEY
-from strap_sensor_driver.frames import TYPE_DATA
+from strap_sensor_driver.frames import TYPE_DATA, TYPE_HELLO
 from strap_sensor_driver.messages import raw_frame
 
 _HEAD = struct.Struct("<BBH")
 """Type, board and sequence number, with which every DATA frame begins."""
+_HELLO_BYTES, _VERSION_BYTES = 32, 12
+"""Length of a HELLO, which ends with the version."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +36,8 @@ class LiveReport:
     """Gaps in their sequence numbers."""
     board_restarts: int
     """How often their sequence numbers began anew; also when the simulated world had been stopped for long."""
+    versions: Mapping[int, str]
+    """What each board said of its firmware last, by board."""
     commands_hz: float
     """Mean rate of wheel commands."""
     longest_command_gap_ms: float
@@ -72,12 +76,14 @@ def live_report(
     """
     summary = read_bag_summary(bag)
     commands, raw = absolute(topics.WHEEL_COMMANDS.name), absolute(topics.STRAP_RAW.name)
-    payloads, times_ns = [], []
+    said, payloads, times_ns = [], [], []
     for message in iterate_messages(bag, {commands, raw}):
+        if message.topic == raw:
+            said.append(raw_frame(deserialize_message(message.data, UInt8MultiArray))[1])
         if message.log_time_ns < origin_ns:
             continue
         if message.topic == raw:
-            payloads.append(raw_frame(deserialize_message(message.data, UInt8MultiArray))[1])
+            payloads.append(said[-1])
         else:
             times_ns.append(message.publish_time_ns)
     span_s = (times_ns[-1] - times_ns[0]) / NS if len(times_ns) > 1 else 0.0
@@ -89,6 +95,7 @@ def live_report(
         frames=frames,
         frames_lost=lost,
         board_restarts=restarts,
+        versions=versions_said(said),
         commands_hz=round((len(times_ns) - 1) / span_s, 3) if span_s else 0.0,
         longest_command_gap_ms=round(max((after - at for at, after in pairwise(times_ns)), default=0) / 1e6, 3),
         messages=summary.message_count,
@@ -97,6 +104,15 @@ def live_report(
         deaths={name: count for name, count in deaths.items() if count},
         cpu_share={name: round(share, 4) for name, share in cpu_share.items()},
     )
+
+
+def versions_said(payloads: Iterable[bytes]) -> dict[int, str]:
+    """The firmware version of each board's last HELLO, by board, ascending."""
+    versions: dict[int, str] = {}
+    for payload in payloads:
+        if payload[0] == TYPE_HELLO and len(payload) == _HELLO_BYTES:
+            versions[payload[1]] = payload[-_VERSION_BYTES:].rstrip(b"\0").decode("ascii", "replace")
+    return dict(sorted(versions.items()))
 
 
 def count_frames(payloads: Iterable[bytes]) -> tuple[int, int, int]:

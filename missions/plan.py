@@ -9,6 +9,7 @@ from typing import Any
 
 from sim_bridge.parameters import SimBridgeParameters
 from sim_bridge.scenarios import Scenario, scenario_named
+from sim_bridge.simulated_uno import require_firmware
 from sim_bridge.world import periods_ns
 from soil_flow_estimator.parameters import SoilEstimatorParameters
 from strap_rover.installed_data import config_file
@@ -32,6 +33,9 @@ CYCLE_NS = 10_000_000
 ESTIMATOR_NS = 20_000_000
 REQUEST_NS = 100_000_000
 HEALTH_NS = NS
+FIRMWARE_FOLDER = Path(__file__).parents[1] / "build" / "firmware"
+"""Where `make firmware` puts what it builds: a source tree's, no installed package has it."""
+FIRMWARE_RATES_HZ = (100.0, 200.0, 400.0)
 CONTROLLERS = ("soil_flow", "constant", "slip_limit", "angle_threshold")
 
 
@@ -137,6 +141,20 @@ def plan_run(
         estimator=parts["soil_flow_estimator"],
         controller=parts["traction_controller"],
     )
+
+
+def with_firmware(plan: RunPlan, folder: Path = FIRMWARE_FOLDER) -> RunPlan:
+    """`plan` with its boards on simulated Unos, which execute the firmware in `folder` for the plan's scan rate.
+
+    Raises SettingsError when there is no such firmware, saying how to build it.
+    """
+    rate_hz = plan.world.scan_rate_hz
+    if rate_hz not in FIRMWARE_RATES_HZ:
+        rates = ", ".join(f"{rate:g}" for rate in FIRMWARE_RATES_HZ)
+        raise SettingsError([f"scan_rate_hz: there is no firmware for {rate_hz:g} Hz; give one of {rates}"])
+    firmware = folder / f"strap_board_{rate_hz:g}hz.elf"
+    require_firmware(firmware)
+    return replace(plan, world=replace(plan.world, firmware=str(firmware)))
 
 
 def _changes(params_file: Path | None, problems: list[str]) -> dict[str, dict[str, object]]:
