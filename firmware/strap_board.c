@@ -6,6 +6,7 @@
 #include <avr/io.h>
 #include <avr/sleep.h>
 #include <avr/wdt.h>
+#include <util/delay.h>
 
 #include "board_config.h"
 #include "flags.h"
@@ -109,6 +110,11 @@ static bool misbehave(uint8_t byte) {
     case 'X':
         cli();
         for (;;) __asm__ volatile("nop"); /* simavr takes a jump to itself with interrupts off for the end */
+    case 'l': /* as if an interrupt took for ever: the next scan comes due during one */
+        cli();
+        _delay_us(FRAME_US);
+        sei();
+        return true;
     case 't':
         while (serial_room()) serial_put(0);
         return true;

@@ -123,6 +123,18 @@ def test_broken_bytes_raise_the_flag_once_and_reach_nobody(record):
     assert run.rejects == run.counters.lost == 0
 
 
+def test_a_scan_left_out_is_flagged_and_not_numbered(record):
+    run = record("200hz_test", 1.0, "".join(f"{0.5 + 0.021 * step:.3f} send l\n" for step in range(10)))
+    assert run.rejects == run.counters.lost == 0
+    flagged = [place for place, scan in enumerate(run.scans) if scan.flags]
+    assert len(flagged) >= 3
+    for place in flagged:
+        scan, after = run.scans[place], run.scans[place + 1]
+        assert scan.flags == 1
+        assert after.seq == scan.seq + 1
+        assert after.t_us == scan.t_us + 2 * 5000
+
+
 def test_a_frame_that_does_not_fit_is_numbered_and_flagged(record):
     run = record("200hz_test", 1.0, "0.5 send t\n")
     assert 1 <= run.counters.lost <= 6
