@@ -7,7 +7,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 
-from missions.live_report import count_frames, live_report
+from missions.live_report import count_frames, live_report, versions_said
 from strap_rover import topics
 from strap_rover.flight_recorder.bag_format import contract_topic
 from strap_rover.flight_recorder.bag_writer import BagWriter
@@ -24,6 +24,10 @@ def data(board, sequence):
 
 
 HELLO = struct.pack("<BBH", 1, 1, 0) + bytes(28)
+
+
+def hello(board, version):
+    return struct.pack("<BBH16x12s", 1, board, 0, version)
 
 
 @pytest.mark.parametrize(
@@ -45,6 +49,12 @@ def test_frames_and_gaps(payloads, expected):
     assert count_frames(payloads) == expected
 
 
+def test_the_last_version_of_each_board_counts():
+    payloads = [hello(2, b"old"), data(2, 0), hello(1, b"strap-fw 1.0"), hello(2, b"new"), hello(3, b"x")[:20]]
+    assert versions_said(payloads) == {1: "strap-fw 1.0", 2: "new"}
+    assert versions_said([]) == {}
+
+
 @pytest.fixture
 def bag(tmp_path):
     """Ten frames and ten commands at 100 Hz from second 5 on, one frame missing; and commands before second 5."""
@@ -55,6 +65,8 @@ def bag(tmp_path):
     for step in range(20):
         time_ns = 5 * S + 10 * MS * (step - 10) + (7 * MS if step == 15 else 0)
         writer.write("/wheel_commands", command, time_ns, time_ns)
+        if step == 3:  # said before driving began, and still true
+            writer.write("/strap/raw", raw_message(time_ns, hello(1, b"virtual-1")), time_ns, time_ns)
         if step >= 10 and step != 14:
             writer.write("/strap/raw", raw_message(time_ns, data(1, step)), time_ns, time_ns)
     losses = {"/strap/raw": {"lost": 3, "before_first": 9}, "/diagnostics": {"lost": None, "before_first": 0}}
@@ -69,7 +81,8 @@ def test_a_report_counts_from_when_driving_began(bag):
     assert report.duration_s == pytest.approx(0.09)
     assert report.commands_hz == pytest.approx(100.0)
     assert report.longest_command_gap_ms == pytest.approx(17.0)
-    assert (report.messages, report.messages_lost) == (29, 3)
+    assert (report.messages, report.messages_lost) == (30, 3)
+    assert report.versions == {1: "virtual-1"}
     assert report.cpu_share == {"recorder": 0.0512}
     assert json.loads(report.to_json())["frames_lost"] == 1
 

@@ -1,8 +1,9 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from missions.plan import CONTROLLERS, NODES, plan_run
+from missions.plan import CONTROLLERS, NODES, plan_run, with_firmware
 from sim_bridge.scenarios import SCENARIOS, scenario_named
 from strap_rover.installed_data import config_file
 from strap_rover.settings import SettingsError
@@ -118,3 +119,33 @@ def test_a_rover_of_ones_own_may_take_the_scenarios_place(tmp_path):
     plan = plan_run("single_wheel", rover=str(path))
     assert plan.rover.name == "single_wheel"
     assert plan.controller.rover == str(path)
+
+
+def built(folder, *names):
+    for name in names:
+        (folder / name).touch()
+    return folder
+
+
+def test_firmware_of_the_plans_scan_rate_is_taken(tmp_path):
+    folder = built(tmp_path, "strap_board_200hz.elf", "strap_board_100hz.elf", "simulated_uno")
+    plan = with_firmware(plan_run("mars_snag"), folder)
+    assert plan.world.firmware == str(folder / "strap_board_200hz.elf")
+    assert plan.settings()["sim_bridge"]["firmware"] == plan.world.firmware
+    path = write(tmp_path / "p.yaml", "sim_bridge:\n  ros__parameters: {scan_rate_hz: 100}\n")
+    assert with_firmware(plan_run("mars_snag", params_file=path), folder).world.firmware.endswith("_100hz.elf")
+
+
+@pytest.mark.parametrize("names", [(), ("strap_board_200hz.elf",), ("simulated_uno",)])
+def test_firmware_that_is_not_built_is_refused_with_how_to_build_it(tmp_path, names):
+    with pytest.raises(SettingsError, match=r"there is no file .*; .*apt install .*gcc-avr.*make firmware") as caught:
+        with_firmware(plan_run("mars_snag"), built(tmp_path, *names))
+    assert len(caught.value.problems) == 1
+
+
+def test_there_is_no_firmware_for_any_rate(tmp_path):
+    path = write(tmp_path / "p.yaml", "sim_bridge:\n  ros__parameters: {scan_rate_hz: 50, telemetry_rate_hz: 100}\n")
+    plan = plan_run("mars_snag")
+    odd = replace(plan, world=replace(plan.world, scan_rate_hz=50.0, telemetry_rate_hz=50.0, truth_rate_hz=25.0))
+    with pytest.raises(SettingsError, match="scan_rate_hz: there is no firmware for 50 Hz; give one of 100, 200, 400"):
+        with_firmware(odd, path.parent)
