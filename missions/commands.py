@@ -105,11 +105,11 @@ def _demo(options: argparse.Namespace, console: Console, stop: StopRequest) -> i
     from missions.demo import OutputFolderError, output_folder, print_result, run_demo  # noqa: PLC0415 - ROS is slow
     from missions.lockstep import LockstepError  # noqa: PLC0415
 
+    if options.firmware and not options.live:
+        return _complain("--firmware: boards live by wall time; give --live as well", EXIT_ASKED_WRONGLY)
     plan = plan_run(
         options.scenario, options.controller, options.seed, options.duration, options.params_file, options.rover
     )
-    if options.firmware and not options.live:
-        return _complain("--firmware: boards live by wall time; give --live as well", EXIT_ASKED_WRONGLY)
     if options.firmware:
         plan = with_firmware(plan)
     kind = "live" if options.live else "demo"

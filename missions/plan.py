@@ -143,8 +143,10 @@ def plan_run(
     )
 
 
-def with_firmware(plan: RunPlan, folder: Path = FIRMWARE_FOLDER) -> RunPlan:
+def with_firmware(plan: RunPlan, folder: Path | None = None) -> RunPlan:
     """`plan` with its boards on simulated Unos, which execute the firmware in `folder` for the plan's scan rate.
+
+    None: what `make firmware` has built in this source tree.
 
     Raises SettingsError when there is no such firmware, saying how to build it.
     """
@@ -152,7 +154,7 @@ def with_firmware(plan: RunPlan, folder: Path = FIRMWARE_FOLDER) -> RunPlan:
     if rate_hz not in FIRMWARE_RATES_HZ:
         rates = ", ".join(f"{rate:g}" for rate in FIRMWARE_RATES_HZ)
         raise SettingsError([f"scan_rate_hz: there is no firmware for {rate_hz:g} Hz; give one of {rates}"])
-    firmware = folder / f"strap_board_{rate_hz:g}hz.elf"
+    firmware = (FIRMWARE_FOLDER if folder is None else folder) / f"strap_board_{rate_hz:g}hz.elf"
     require_firmware(firmware)
     return replace(plan, world=replace(plan.world, firmware=str(firmware)))
 

@@ -61,6 +61,7 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         rover = load_rover(self.settings.rover or chosen.rover)
         if self_ticking and self.get_parameter("use_sim_time").value:
             raise SettingsError(["sim_bridge: a live world goes by the host's clock; leave use_sim_time false"])
+        self.settings.struck_straps(rover)  # refused before a port is there
         if links is None and self_ticking and self.settings.firmware:
             self._unos = SimulatedUnos(self.settings, rover)
             links = {}

@@ -111,6 +111,21 @@ def test_a_parameter_file_that_cannot_be_read(tmp_path, refused, path):
     assert len(err.splitlines()) == 1
 
 
+def test_firmware_is_for_live_runs(tmp_path, refused):
+    err = refused("demo", "--firmware", "--out", tmp_path / "run")
+    assert err == "strap_rover: --firmware: boards live by wall time; give --live as well\n"
+    assert not (tmp_path / "run").exists()
+
+
+def test_firmware_that_is_not_built_is_told_in_one_line(tmp_path, refused, monkeypatch):
+    monkeypatch.setattr("missions.plan.FIRMWARE_FOLDER", tmp_path / "nowhere")
+    err = refused("demo", "--live", "--firmware", "--out", tmp_path / "run")
+    assert len(err.splitlines()) == 1
+    for part in (f"no file {tmp_path}/nowhere/strap_board_200hz.elf", "apt install gcc-avr", "make firmware"):
+        assert part in err
+    assert not (tmp_path / "run").exists()
+
+
 def test_an_unknown_rover_names_the_known(refused):
     err = refused("demo", "--rover", "opportunity")
     assert "opportunity" in err

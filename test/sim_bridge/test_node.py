@@ -210,6 +210,53 @@ def test_live_it_stamps_by_the_hosts_clock_and_says_no_other(live):
     assert "/clock" not in bench.node.subscription_counts()
 
 
+def test_stamps_lag_by_what_a_pseudo_terminal_saves_a_frame(live):
+    """A driver takes a frame to have been under way for half a scan and its transfer; a pty delivers at once."""
+    bench = live()
+    joints = telemetry.JointTelemetry("wheel_states", ("w",))
+    late_ns = []
+    bench.peer.listen(
+        topics.WHEEL_STATES, lambda message: late_ns.append(time.time_ns() - joints.wheel_states(message).stamp_ns)
+    )
+    bench.spin_until(lambda: len(late_ns) >= 30)
+    assert bench.node.world.frame_latency_ns == pytest.approx(4.13 * MS, abs=0.02 * MS)
+    assert min(late_ns) >= bench.node.world.frame_latency_ns
+
+
+def test_firmware_is_executed_by_boards_of_its_own_that_are_told_the_volts(live, built, wait_until):
+    bench = live(firmware=str(built / "board.elf"), strap_fault="short_a")
+    journal = built / "heard_uno_1"
+
+    def volts():
+        said = [line.split() for line in journal.read_text(encoding="utf-8").splitlines() if line.startswith("volts")]
+        return [(int(words[1]), [float(word) for word in words[2:]]) for words in said]
+
+    began_ns = time.monotonic_ns()
+    bench.spin_until(lambda: len(volts()) > 20)
+    told = volts()
+    assert began_ns - 100 * MS < told[0][0] < told[-1][0] < time.monotonic_ns()
+    assert {later - sooner for (sooner, _), (later, _) in itertools.pairwise(told)} == {5 * MS}
+    assert all(numbers[0] == 5.0 and numbers[6] == 0.0 for _, numbers in told)  # the fault of the strap
+    port = bench.node.health()[1]
+    assert (port.level, port.message) == (HealthLevel.OK, "executes the firmware")
+    bench.set(line_fault="drop", line_fault_share=0.25)
+    wait_until(lambda: "fault drop 0.25" in journal.read_text(encoding="utf-8"))
+    bench.set(strap_fault="none")
+    bench.spin_until(lambda: volts()[-1][1][0] < 5.0)
+    bench.node.destroy_node()
+    assert not list(bench.port.parent.glob("*.control"))
+
+
+def test_a_wheel_that_is_not_there_is_refused_at_the_start_and_warned_of_later(live):
+    with pytest.raises(SettingsError, match="strap_fault_wheel: no wheel 'fl'; give one of w"):
+        live(strap_fault_wheel="fl", strap_fault="open_a")
+    bench = live()
+    bench.set(strap_fault="open_a")
+    assert "fault of straps on purpose: open_a" in bench.node.health()[0].message
+    bench.set(strap_fault_wheel="fl")  # the fault stays what it was
+    bench.spin_for(0.05)
+
+
 def test_live_it_serves_its_boards_on_ports(live):
     bench = live()
     port = SerialPort(str(bench.port), 115200)
