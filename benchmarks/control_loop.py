@@ -9,7 +9,7 @@ from sim_bridge.world import World, WorldReport, board_links
 from soil_flow_estimator.soil_estimator import SoilEstimator
 from strap_rover.telemetry import SpeedRequest, WheelCommands
 from strap_sensor_driver.contact_zone import ContactAngles
-from strap_sensor_driver.parameters import bind_wheels
+from strap_sensor_driver.parameters import bind_straps, load_calibration
 from strap_sensor_driver.strap_reader import StrapReader, StrapReading
 from traction_controller.traction import TractionController
 
@@ -40,7 +40,8 @@ class ControlLoop:
         boards = {board: ends[1] for board, ends in links.items()}
         self._world = World(plan.rover, plan.scenario, boards, plan.seed, plan.world)
         self._world.plant.body[p.X] = START_X_M
-        self._reader = StrapReader(bind_wheels(plan.rover, plan.driver), plan.driver)
+        calibration = load_calibration(plan.rover, plan.driver)
+        self._reader = StrapReader(bind_straps(plan.rover, plan.driver, calibration), plan.driver)
         self._lines = [links[board][0] for board in self._reader.board_ids]
         self._estimator = SoilEstimator(plan.rover, plan.estimator)
         self._controller = TractionController(plan.rover, plan.controller)

@@ -14,7 +14,7 @@ from soil_flow_estimator.soil_estimator import SoilEstimator
 from strap_rover import topics
 from strap_rover.telemetry import SpeedRequest
 from strap_rover.topics import rover_vector, wheel_matrix
-from strap_sensor_driver.parameters import bind_wheels
+from strap_sensor_driver.parameters import bind_straps, load_calibration
 from strap_sensor_driver.strap_reader import StrapReader
 from traction_controller.traction import TractionController, TractionOutput
 
@@ -30,7 +30,8 @@ class CoreGraph:
         self.world = World(
             plan.rover, plan.scenario, {board: ends[1] for board, ends in links.items()}, plan.seed, plan.world
         )
-        self._reader = StrapReader(bind_wheels(plan.rover, plan.driver), plan.driver)
+        calibration = load_calibration(plan.rover, plan.driver)
+        self._reader = StrapReader(bind_straps(plan.rover, plan.driver, calibration), plan.driver)
         self._links = [links[board][0] for board in self._reader.board_ids]
         self._estimator = SoilEstimator(plan.rover, plan.estimator)
         self._controller = TractionController(plan.rover, plan.controller)

@@ -55,6 +55,7 @@ _STRAP_WORDS = {
     ContactStatus.VALID: "",
     ContactStatus.PREDICTED: "predicted",
     ContactStatus.NO_CONTACT: "in air",
+    ContactStatus.UNCONFIRMED: "unconfirmed",
     ContactStatus.FAULT_OPEN_A: "OPEN A",
     ContactStatus.FAULT_OPEN_B: "OPEN B",
     ContactStatus.FAULT_SHORT: "SHORT",
@@ -63,6 +64,12 @@ _STRAP_WORDS = {
     ContactStatus.FAULT_RANGE: "RANGE",
     ContactStatus.FAULT_STUCK: "STUCK",
     ContactStatus.FAULT_FLOATING: "FLOATING",
+    ContactStatus.FAULT_DRIFT: "DRIFT",
+    ContactStatus.FAULT_REFERENCE: "REFERENCE",
+    ContactStatus.FAULT_MIRRORED: "MIRRORED",
+    ContactStatus.FAULT_UNSTEADY: "UNSTEADY",
+    ContactStatus.FAULT_PLACE: "PLACE",
+    ContactStatus.WRONG_BOARD: "WRONG BOARD",
     ContactStatus.STALE_ENCODER: "ENCODER",
     ContactStatus.NO_DATA: "NO DATA",
     ContactStatus.UNKNOWN_PROTOCOL: "PROTOCOL",
@@ -239,7 +246,7 @@ def _angle(values: Sequence[float], status: int, index: int, width: int) -> Text
     if known is None or known.is_fault or known is ContactStatus.NO_CONTACT:  # what a faulty strap holds is old
         return _UNKNOWN
     text = _number(math.degrees(values[index]), 0, width)
-    return Text(text, style="" if known is ContactStatus.VALID else _GREY)
+    return Text(text, style="" if known in {ContactStatus.VALID, ContactStatus.UNCONFIRMED} else _GREY)
 
 
 def _strap(angles: ContactAngles, index: int, _width: int, _ascii_only: bool) -> Text:

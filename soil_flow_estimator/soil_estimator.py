@@ -60,6 +60,7 @@ ATTITUDE_WORDS = InputWords("imu is", "does the rover or sim_bridge send it?")
 SUSPENSION_WORDS = InputWords("suspension is", "does the rover or sim_bridge send it?")
 
 _VALID, _PREDICTED = int(ContactStatus.VALID), int(ContactStatus.PREDICTED)
+_UNCONFIRMED = int(ContactStatus.UNCONFIRMED)
 
 
 def _tunable(doc: str, least: float, most: float) -> dict[str, Any]:
@@ -298,7 +299,8 @@ class SoilEstimator:
             self._direction = math.copysign(1.0, motion.speed)
         entry, leave = travel_angles(angles.theta_1, angles.theta_2, self._direction)
         entry, leave = np.minimum(entry, STEEPEST_ANGLE), np.maximum(leave, -STEEPEST_ANGLE)
-        has_angles = ((angles.status == _VALID) | (angles.status == _PREDICTED)) & (entry - leave > LEAST_ZONE)
+        is_measured = (angles.status == _VALID) | (angles.status == _UNCONFIRMED)
+        has_angles = (is_measured | (angles.status == _PREDICTED)) & (entry - leave > LEAST_ZONE)
         if not has_angles.all():
             entry, leave = np.where(has_angles, entry, NEUTRAL_ENTRY), np.where(has_angles, leave, NEUTRAL_EXIT)
         travel = np.abs(states.angle - self._de_angle) * self._radius
@@ -405,7 +407,8 @@ class SoilEstimator:
         zone = np.abs(angles.theta_1 - angles.theta_2)
         is_symmetric = np.abs(angles.theta_1 + angles.theta_2) <= settings.asymmetry_max * zone
         stands = np.abs(states.speed) <= settings.standing_speed_radps
-        counts = stands & is_symmetric & (angles.status == _VALID) & (zone > LEAST_ZONE)
+        is_measured = (angles.status == _VALID) | (angles.status == _UNCONFIRMED)
+        counts = stands & is_symmetric & is_measured & (zone > LEAST_ZONE)
         if not counts.any():
             return
         self._static_readings += int(np.count_nonzero(counts))

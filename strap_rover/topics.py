@@ -74,6 +74,16 @@ STRAP_RAW = Topic(
     "strap_sensor_driver",
     "every accepted frame: 8 bytes little-endian host stamp [ns], then the frame payload",
 )
+STRAP_CALIBRATION = Topic(
+    "strap/calibration",
+    "std_msgs/msg/String",
+    Delivery.LATCHED,
+    0.0,
+    "strap_sensor_driver",
+    "the calibration that angles are made with, as its file has it, id included; only where there is one",
+    always_present=False,
+    steady=False,
+)
 STRAP_VOLTAGES = Topic(
     "strap/voltages",
     JOINT_STATE,
@@ -222,6 +232,7 @@ DIAGNOSTICS = Topic(
 CONTRACT: tuple[Topic, ...] = (
     CLOCK,
     STRAP_RAW,
+    STRAP_CALIBRATION,
     STRAP_VOLTAGES,
     CONTACT_ANGLES,
     WHEEL_STATES,

@@ -23,6 +23,8 @@ TURNS_MIN = 3
 """Fewer turns do not tell an odd one from a good one."""
 _ANGLES_MIN = 4
 _OUTLIER_STDS = 6.0
+_ODD_SCATTER = 4.0
+"""Mean square of residuals over what is usual, from which on a turn is odd."""
 _LEAST_SHARE = 1e-3
 _STEADY_RATIO = 0.02
 _ENCODER_SCALE_TOLERANCE = 0.05
@@ -335,7 +337,7 @@ def _without_odd(groups: list[ArcSamples], contact: ArcSamples) -> tuple[list[Ar
     groups = [_cleaned(group, table) for group in groups]
     table = fit_table([contact, *groups])
     scatter = np.array(table.scatter[1:])
-    good = scatter <= max(6.0, _OUTLIER_STDS * float(np.median(scatter)))
+    good = scatter <= _ODD_SCATTER * max(1.0, float(np.median(scatter)))
     kept = [group for group, is_good in zip(groups, good.tolist(), strict=True) if is_good]
     return kept, len(groups) - len(kept)
 

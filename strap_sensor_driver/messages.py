@@ -5,14 +5,17 @@ from dataclasses import asdict
 
 import numpy as np
 from sensor_msgs.msg import JointState
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import String, UInt8MultiArray
 
 from strap_rover.ros_shell.health import Health, HealthLevel
 from strap_rover.ros_shell.named_values import MessageError, NamedValues
 from strap_rover.topics import CONTACT_ANGLES, STRAP_RAW, STRAP_VOLTAGES, wheel_matrix
+from strap_sensor_driver.calibration import RoverCalibration
+from strap_sensor_driver.calibration_file import calibration_text
 from strap_sensor_driver.contact_zone import ContactAngles, StrapVoltages, remedy
 from strap_sensor_driver.serial_boards import LineReport
-from strap_sensor_driver.strap_reader import BoardHealth, ReaderHealth, WheelHealth
+from strap_sensor_driver.strap_reader import BoardHealth, ReaderHealth
+from strap_sensor_driver.strap_tracker import StrapHealth
 
 _STAMP = struct.Struct("<q")
 _MULTI_ARRAY = struct.Struct("<4s3I")
@@ -33,6 +36,11 @@ def raw_frame(message: UInt8MultiArray) -> tuple[int, bytes]:
             f"{STRAP_RAW.name}: {len(data)} bytes hold no stamp and frame; is this bag from strap_rover?"
         )
     return _STAMP.unpack_from(data)[0], data[_STAMP.size :]
+
+
+def calibration_message(calibration: RoverCalibration) -> String:
+    """The whole calibration, as its file has it: a bag can be worked on without that file."""
+    return String(data=calibration_text(calibration))
 
 
 class StrapMessages:
@@ -85,6 +93,7 @@ def board_part(board: BoardHealth, line: LineReport | None) -> Health:
         return Health(name, HealthLevel.ERROR, line.problem, values)
     if board.hello is None:
         return Health(name, HealthLevel.WARN, "no HELLO yet: check cable, port and power", values)
+    values["supply v"] = board.supply_v
     return Health(name, HealthLevel.OK, f"firmware {board.hello.version}", values)
 
 
@@ -97,9 +106,17 @@ def encoder_part(health: ReaderHealth) -> Health:
     return Health("encoders", HealthLevel.OK, "positions go on", values)
 
 
-def wheel_part(name: str, wheel: WheelHealth) -> Health:
-    """How the strap of wheel `name` is."""
-    values: dict[str, object] = {"status": wheel.status.name, "faults": wheel.faults}
-    values |= {status.name.lower(): count for status, count in wheel.scans.items()}
-    level = HealthLevel.ERROR if wheel.status.is_fault else HealthLevel.OK
-    return Health(f"strap {name}", level, remedy(wheel.status), values)
+def strap_part(wheel: str, strap: StrapHealth, number: int, calibration_id: str) -> Health:
+    """How strap `number` (0 or 1) of a wheel is; `calibration_id` is empty where nothing was calibrated."""
+    values: dict[str, object] = {
+        "status": strap.status.name,
+        "input": f"board {strap.board_id} channel {strap.channel}",
+    }
+    values["calibration"] = calibration_id if strap.is_calibrated else "none"
+    values |= {"faults": strap.faults, "doubts": strap.doubts}
+    values |= {status.name.lower(): count for status, count in strap.scans.items()}
+    if strap.passages:
+        values |= {"seam passages": strap.passages, "R_str off by %": round(100.0 * strap.resistance_error, 2)}
+        values["ends gained, of pull-down, %"] = " ".join(f"{100.0 * offset:.2f}" for offset in strap.offsets)
+    level = HealthLevel.ERROR if strap.status.is_fault else HealthLevel.OK
+    return Health(f"strap {wheel}{' second' if number else ''}", level, remedy(strap.status), values)

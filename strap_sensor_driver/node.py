@@ -15,8 +15,15 @@ from strap_rover.ros_shell.telemetry_messages import JointTelemetry
 from strap_rover.rover import load_rover
 from strap_rover.settings import SettingsError
 from strap_sensor_driver.link import ByteLink, LinkClosedError
-from strap_sensor_driver.messages import StrapMessages, board_part, encoder_part, raw_message, wheel_part
-from strap_sensor_driver.parameters import StrapDriverParameters, bind_wheels, port_paths
+from strap_sensor_driver.messages import (
+    StrapMessages,
+    board_part,
+    calibration_message,
+    encoder_part,
+    raw_message,
+    strap_part,
+)
+from strap_sensor_driver.parameters import StrapDriverParameters, bind_straps, load_calibration, port_paths
 from strap_sensor_driver.scan_gate import scans_per_record
 from strap_sensor_driver.serial_boards import SerialBoards
 from strap_sensor_driver.strap_reader import StrapReader
@@ -54,7 +61,9 @@ class StrapSensorDriver(NodeShell[StrapDriverParameters]):
             self_ticking=self_ticking,
         )
         rover = load_rover(self.settings.rover)
-        self._reader = StrapReader(bind_wheels(rover, self.settings), self.settings)
+        calibration = load_calibration(rover, self.settings)
+        self._calibration_id = "" if calibration is None else calibration.id
+        self._reader = StrapReader(bind_straps(rover, self.settings, calibration), self.settings)
         self._wheel_names = rover.wheel_names
         self._messages = StrapMessages(rover.wheel_names)
         telemetry = JointTelemetry(topics.WHEEL_STATES.name, rover.wheel_names)
@@ -62,6 +71,8 @@ class StrapSensorDriver(NodeShell[StrapDriverParameters]):
         self._raw = self.announce(topics.STRAP_RAW)
         self._voltages = self.announce(topics.STRAP_VOLTAGES)
         self._angles = self.announce(topics.CONTACT_ANGLES)
+        if calibration is not None:
+            self.announce(topics.STRAP_CALIBRATION).send(calibration_message(calibration))
         boards = self._reader.board_ids
         self._links = self._open_ports() if links is None else [links[board] for board in boards if board in links]
         if len(self._links) < len(boards):
@@ -106,8 +117,12 @@ class StrapSensorDriver(NodeShell[StrapDriverParameters]):
         health, serial = self._reader.health(), self._serial
         lines = [None] * len(health.boards) if serial is None else [serial.report(n) for n in range(len(health.boards))]
         boards = [board_part(board, line) for board, line in zip(health.boards, lines, strict=True)]
-        wheels = [wheel_part(*named) for named in zip(self._wheel_names, health.wheels, strict=True)]
-        return [*boards, *wheels, encoder_part(health)]
+        straps = [
+            strap_part(name, strap, number, self._calibration_id)
+            for name, wheel in zip(self._wheel_names, health.wheels, strict=True)
+            for number, strap in enumerate(wheel.straps)
+        ]
+        return [*boards, *straps, encoder_part(health)]
 
     def destroy_node(self) -> None:
         """Close the ports, then as any node."""

@@ -4,8 +4,11 @@ from dataclasses import dataclass, field
 
 from strap_rover.rover import RoverDescription
 from strap_rover.settings import SettingsError
+from strap_sensor_driver.calibration import RoverCalibration
+from strap_sensor_driver.calibration_file import read_calibration
 from strap_sensor_driver.mounting import StrapMounting
-from strap_sensor_driver.strap_reader import StrapReaderSettings, WheelBinding
+from strap_sensor_driver.reader_settings import StrapReaderSettings
+from strap_sensor_driver.strap_tracker import StrapBinding
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,6 +19,9 @@ class StrapDriverParameters(StrapReaderSettings):
     port: str = field(
         default="/dev/strap_board_{board}",
         metadata={"doc": "serial port of each board, {board} stands for its id in the rover description"},
+    )
+    calibration: str = field(
+        default="", metadata={"doc": "file of `strap_rover calibrate` for this rover; empty: straps are as given here"}
     )
 
 
@@ -33,12 +39,34 @@ def port_paths(pattern: str, boards: tuple[int, ...], parameter: str = "port") -
     return paths
 
 
-def bind_wheels(rover: RoverDescription, settings: StrapReaderSettings) -> list[WheelBinding]:
-    """Which board and channel read which wheel, with one strap description for all."""
+def load_calibration(rover: RoverDescription, settings: StrapDriverParameters) -> RoverCalibration | None:
+    """The calibration that the settings name, None where they name none.
+
+    SettingsError when it cannot be read, or was made of another rover, board or input than its wheels have now.
+    """
+    if not settings.calibration:
+        return None
+    calibration = read_calibration(settings.calibration)
+    inputs = [(rover.wheels[one.wheel_index].name, one.board, one.channel) for one in rover.strap_inputs]
+    problems = calibration.mismatches(rover.name, inputs)
+    if problems:
+        raise SettingsError([f"{settings.calibration}: {problem}" for problem in problems])
+    return calibration
+
+
+def bind_straps(
+    rover: RoverDescription, settings: StrapReaderSettings, calibration: RoverCalibration | None = None
+) -> list[StrapBinding]:
+    """Which board and channel read which strap, calibrated where `calibration` has it, else as the settings say."""
     strap = settings.strap()
     return [
-        WheelBinding(
-            index, wheel.board, wheel.channel, strap, StrapMounting(wheel.strap_offset_rad, wheel.strap_direction)
+        StrapBinding(
+            one.wheel_index,
+            one.board,
+            one.channel,
+            strap,
+            StrapMounting(one.offset_rad, one.direction),
+            None if calibration is None else calibration.of(rover.wheels[one.wheel_index].name, one.board, one.channel),
         )
-        for index, wheel in enumerate(rover.wheels)
+        for one in rover.strap_inputs
     ]

@@ -22,11 +22,16 @@ from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus, remed
 from traction_controller.supervisor import Fault
 from traction_controller.traction_settings import TractionSettings
 
-USABLE_STATUS = (int(ContactStatus.VALID), int(ContactStatus.PREDICTED))
-"""Readings whose angles are taken as they are: a predicted one is what the driver knows while the seam is below."""
+USABLE_STATUS = (int(ContactStatus.VALID), int(ContactStatus.PREDICTED), int(ContactStatus.UNCONFIRMED))
+"""Readings whose angles are taken as they are: a predicted one is what the driver knows while the seam is below, and a
+wheel has to turn before its strap can be confirmed."""
 KNOWN_STATUS = frozenset({*USABLE_STATUS, int(ContactStatus.NO_CONTACT)})
 """Readings after which the angles of a wheel are known: usable, or none because the wheel is in the air."""
-SILENT_STATUS = (int(ContactStatus.NO_DATA), int(ContactStatus.UNKNOWN_PROTOCOL))
+SILENT_STATUS = (
+    int(ContactStatus.NO_DATA),
+    int(ContactStatus.UNKNOWN_PROTOCOL),
+    int(ContactStatus.WRONG_BOARD),
+)
 """Readings that say no reading comes from this board: as good as no message, so there is no patience with them.
 
 The driver has waited before it says NO_DATA, and a frame of a protocol it does not know had a good CRC: nothing of the
@@ -95,12 +100,12 @@ class InputWatch:
             return False
         status = angles.status
         in_air = status == ContactStatus.NO_CONTACT
-        usable = (status == USABLE_STATUS[0]) | (status == USABLE_STATUS[1])
+        usable = np.isin(status, USABLE_STATUS)
         self.theta_1 = np.where(usable, angles.theta_1, np.where(in_air, 0.0, self.theta_1))
         self.theta_2 = np.where(usable, angles.theta_2, np.where(in_air, 0.0, self.theta_2))
         known = usable | in_air
         self._usable_ns = np.where(known, angles.stamp_ns, self._usable_ns)
-        self._silent = (status == SILENT_STATUS[0]) | (status == SILENT_STATUS[1])
+        self._silent = np.isin(status, SILENT_STATUS)
         self.faulty_readings += known.size - int(np.count_nonzero(known))
         return True
 

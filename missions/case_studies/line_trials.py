@@ -50,7 +50,9 @@ COUNTERS = (
     "openings",
     "reopened",
 )
-_USUAL_STATUS = frozenset({ContactStatus.VALID, ContactStatus.PREDICTED, ContactStatus.NO_CONTACT})
+_USUAL_STATUS = frozenset(
+    {ContactStatus.VALID, ContactStatus.PREDICTED, ContactStatus.NO_CONTACT, ContactStatus.UNCONFIRMED}
+)
 _LATEST_HEALTH_S = 10.0
 """Diagnostics come once a second, on a machine that is busy later."""
 

@@ -17,7 +17,7 @@ from strap_rover.settings import SettingsError
 from strap_rover.telemetry import WheelCommands, WheelStates
 from strap_sensor_driver.contact_zone import ContactStatus
 from strap_sensor_driver.frames import AcceptedFrame, DataFrame, FrameDecoder, HelloFrame
-from strap_sensor_driver.parameters import StrapDriverParameters, bind_wheels
+from strap_sensor_driver.parameters import StrapDriverParameters, bind_straps
 from strap_sensor_driver.strap import strap_resistance_ohm
 from strap_sensor_driver.strap_reader import StrapReader
 
@@ -107,7 +107,7 @@ def seen_by_reader(world, drivers, seconds, rates, encoder_delay_ns=0):
     settings = StrapDriverParameters(
         pull_down_a_ohm=sensors.pull_down_ratio * resistance, pull_down_b_ohm=sensors.pull_down_ratio * resistance
     )
-    reader = StrapReader(bind_wheels(world.rover, settings), settings)
+    reader = StrapReader(bind_straps(world.rover, settings), settings)
     truth, readings = [], []
     for _ in range(round(seconds * 100)):
         world.feed_wheel_commands(WheelCommands(world.now_ns, np.asarray(rates)))
@@ -126,7 +126,7 @@ def seen_by_reader(world, drivers, seconds, rates, encoder_delay_ns=0):
     times = np.array([time_ns for time_ns, _ in truth])
     late = [angles for angles in readings if angles.stamp_ns > 1_000 * MS]  # the zone has its shape by then
     stamps = np.array([angles.stamp_ns for angles in late])
-    good = np.array([angles.status == ContactStatus.VALID for angles in late])
+    good = np.isin([angles.status for angles in late], (ContactStatus.VALID, ContactStatus.UNCONFIRMED))
     rms = []
     for row, name in enumerate(("theta_1", "theta_2")):
         values = np.array([contact[row] for _, contact in truth])

@@ -28,7 +28,8 @@ LIMITS = ZoneLimits.of(STRAP)
         (1.0, 3.0, ContactStatus.FAULT_RANGE),
         (3.0, 1.2, ContactStatus.FAULT_RANGE),
         (2.0, 2.0, ContactStatus.FAULT_ORDER),
-        (4.7, 4.7, ContactStatus.FAULT_WIDTH),
+        (4.7, 4.7, ContactStatus.PREDICTED),  # the seam, though the supply is not the reference
+        (4.0, 4.0, ContactStatus.FAULT_WIDTH),
         (math.nan, 3.0, ContactStatus.FAULT_RANGE),
         (3.0, math.nan, ContactStatus.FAULT_RANGE),
         (math.nan, math.nan, ContactStatus.FAULT_RANGE),

@@ -94,7 +94,9 @@ def test_another_rovers_message_is_refused(wheels):
 def test_what_is_known_of_a_board_stands_in_its_health():
     counts = {"scans": 9, "scans_before_hello": 1, "flagged_scans": 2, "dropped_frames": 0, "mismatched_hellos": 3}
     clock = {"clock_resets": 0, "last_frame_ns": 5, "clock_ppm": -2999.6, "frame_delay_ms": 1.2345}
-    board = BoardHealth(board_id=1, frames=FrameCounters(data=10, hello=4), hello=None, refused=None, **counts, **clock)
+    board = BoardHealth(
+        board_id=1, frames=FrameCounters(data=10, hello=4), hello=None, refused=None, supply_v=None, **counts, **clock
+    )
     assert board_part(board, None).values == {
         "data": 10,
         "hello": 4,

@@ -1,5 +1,7 @@
 """The driver's node in a context of its own: bytes on memory links in; frames, volts and angles out."""
 
+import math
+
 import numpy as np
 import pytest
 import rclpy
@@ -44,7 +46,7 @@ class Bench:
         pairs = {board: MemoryLink.pair(f"board {board}") for board in ROVER.boards}
         self.boards = {board: pair[1] for board, pair in pairs.items()}
         links = {board: pair[0] for board, pair in pairs.items()}
-        settings = StrapDriverParameters()
+        settings = StrapDriverParameters(theta_max_rad=math.pi)  # all straps read alike, so zones lie all round
         self.node = StrapSensorDriver(links, settings=settings, context=context, self_ticking=False)
         self.peer = NodeShell("peer", StrapDriverParameters, settings=settings, context=context, self_ticking=False)
         self.heard = {row.name: [] for row in SENT}
@@ -90,7 +92,7 @@ def run(bench, ticks=20):
     for board, link in bench.boards.items():
         link.write(hello(board), 0)
     for tick in range(1, ticks + 1):
-        bench.turn(states(10 * MS * tick, 0.005 * tick))
+        bench.turn(states(10 * MS * tick, 0.001 * tick))
         for board, link in bench.boards.items():
             for half in (1, 2):
                 link.write(data(board, 2 * (tick - 1) + half - 1), (10 * (tick - 1) + 5 * half) * MS)
@@ -105,7 +107,7 @@ def test_frames_become_raw_volts_and_angles(bench):
     volts = STRAPS.voltages(bench.heard["strap/voltages"][-1])
     np.testing.assert_allclose(volts.v_a, 0.6 * 5.0, atol=2e-3)
     angles = STRAPS.contact_angles(bench.heard["strap/contact_angles"][-1])
-    assert angles.status.tolist() == [ContactStatus.VALID] * 6
+    assert angles.status.tolist() == [ContactStatus.UNCONFIRMED] * 6  # the wheels have not turned yet
     assert 0 < angles.stamp_ns <= 200 * MS
 
 
@@ -128,9 +130,11 @@ def test_health_names_board_and_wheel_and_the_remedy(bench):
     assert after["strap_sensor_driver: board 2"].level == bytes([HealthLevel.OK])
     assert after["strap_sensor_driver: board 2"].message == "firmware test-1"
     fl = after["strap_sensor_driver: strap fl"]
-    assert (fl.level, fl.message) == (bytes([HealthLevel.OK]), "nothing to do")
+    assert fl.level == bytes([HealthLevel.OK])
+    assert "turn the wheel" in fl.message
     values = {item.key: item.value for item in fl.values}
-    assert (values["status"], values["faults"]) == ("VALID", "0")
+    assert (values["status"], values["faults"]) == ("UNCONFIRMED", "0")
+    assert (values["input"], values["calibration"]) == ("board 1 channel 0", "none")
     assert len(after) == 2 + 6 + 1 + 2  # the encoders; and the topic it listens to, and its output
     encoders = after["strap_sensor_driver: encoders"]
     assert (encoders.level, encoders.message) == (bytes([HealthLevel.OK]), "positions go on")
@@ -163,7 +167,10 @@ def test_wheel_states_of_another_rover_are_reported_and_the_node_lives_on(bench)
     status = bench.diagnostics()["strap_sensor_driver: topic wheel_states"]
     assert status.level == bytes([HealthLevel.ERROR])
     assert "must use the same rover description" in status.message
-    assert STRAPS.contact_angles(bench.heard["strap/contact_angles"][-1]).status.tolist() == [0] * 6
+    assert (
+        STRAPS.contact_angles(bench.heard["strap/contact_angles"][-1]).status.tolist()
+        == [ContactStatus.UNCONFIRMED] * 6
+    )
 
 
 def test_noise_on_the_line_does_no_harm(bench):
@@ -171,7 +178,10 @@ def test_noise_on_the_line_does_no_harm(bench):
     for link in bench.boards.values():
         link.write(noise + b"\0", 0)
     run(bench)
-    assert STRAPS.contact_angles(bench.heard["strap/contact_angles"][-1]).status.tolist() == [0] * 6
+    assert (
+        STRAPS.contact_angles(bench.heard["strap/contact_angles"][-1]).status.tolist()
+        == [ContactStatus.UNCONFIRMED] * 6
+    )
     counts = {item.key: item.value for item in bench.diagnostics()["strap_sensor_driver: board 1"].values}
     assert counts["data"] == "40"
 

@@ -1,5 +1,6 @@
 """The driver living by the host's clock: serial ports (ptys) opened, lost and found again, records when scans come."""
 
+import math
 import time
 
 import numpy as np
@@ -42,7 +43,7 @@ class Bench:
         self._unos = {board: VirtualUno(board, [strap] * 3, rng=np.random.default_rng(board)) for board in ROVER.boards}
         self._sessions = dict.fromkeys(ROVER.boards, 0)
         self.hung = set()
-        settings = StrapDriverParameters(port=f"{folder}/board_{{board}}")
+        settings = StrapDriverParameters(port=f"{folder}/board_{{board}}", theta_max_rad=math.pi)
         self.node = StrapSensorDriver(settings=settings, context=context)
         self.peer = NodeShell("peer", StrapDriverParameters, settings=settings, context=context, self_ticking=False)
         self.angles, self.reports = [], []
@@ -104,7 +105,7 @@ def bench(request, ros_context, wait_until, tmp_path):
     made.close()
 
 
-GOOD, SILENT = [ContactStatus.VALID] * 3, [ContactStatus.NO_DATA] * 3
+GOOD, SILENT = [ContactStatus.UNCONFIRMED] * 3, [ContactStatus.NO_DATA] * 3
 
 
 def test_ports_become_records_one_for_two_scans_of_each_board(bench):

@@ -5,8 +5,8 @@ import pytest
 from strap_rover.installed_data import config_file
 from strap_rover.rover import load_rover
 from strap_rover.settings import SettingsError, load_settings, settings_from_mapping
-from strap_sensor_driver.parameters import StrapDriverParameters, bind_wheels, port_paths
-from strap_sensor_driver.strap_reader import StrapReaderSettings
+from strap_sensor_driver.parameters import StrapDriverParameters, bind_straps, port_paths
+from strap_sensor_driver.reader_settings import StrapReaderSettings
 
 
 def test_the_shipped_file_says_every_parameter_at_its_default():
@@ -18,7 +18,7 @@ def test_the_shipped_file_says_every_parameter_at_its_default():
 
 def test_the_node_adds_rover_and_port_to_the_core_s_settings_and_nothing_else():
     added = {item.name for item in fields(StrapDriverParameters)} - {item.name for item in fields(StrapReaderSettings)}
-    assert added == {"rover", "port"}
+    assert added == {"rover", "port", "calibration"}
     assert isinstance(StrapDriverParameters(), StrapReaderSettings)
 
 
@@ -36,7 +36,7 @@ def test_the_core_s_own_checks_hold_for_the_node_too():
 def test_wheels_are_bound_to_the_boards_and_channels_of_the_rover():
     rover = load_rover("curiosity")
     settings = StrapDriverParameters(resistance_std_ratio=0.01)
-    bindings = bind_wheels(rover, settings)
+    bindings = bind_straps(rover, settings)
     assert [binding.wheel for binding in bindings] == list(range(6))
     for binding, wheel in zip(bindings, rover.wheels, strict=True):
         assert (binding.board_id, binding.channel) == (wheel.board, wheel.channel)

@@ -323,7 +323,7 @@ def test_a_turn_is_a_tick_on_which_mode_or_fault_is_another():
     assert missing.tick().is_turn  # a fault from the first tick on
 
 
-SILENT_BOARD = (ContactStatus.NO_DATA, ContactStatus.UNKNOWN_PROTOCOL)
+SILENT_BOARD = (ContactStatus.NO_DATA, ContactStatus.UNKNOWN_PROTOCOL, ContactStatus.WRONG_BOARD)
 
 
 def read_as(bench, *codes):
