@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -58,37 +59,32 @@ def calibrate(options: argparse.Namespace, console: Console, stopped: Callable[[
 
 
 def calibration_table(calibration: RoverCalibration, now: datetime, source: str) -> Table:
-    """A row for each end of each strap."""
-    table = Table(title=f"{escape(source)}: rover {escape(calibration.rover)}, id {calibration.id}")
-    for heading in ("strap", "end", "made", "from"):
-        table.add_column(heading)
-    for heading in (
-        "turn [kOhm]",
-        "contact [Ohm]",
-        "pull-down [kOhm]",
-        "offset [LSB]",
-        "gain",
-        "noise [LSB]",
-        "left over [deg]",
-    ):
-        table.add_column(heading, justify="right")
+    """A row for each end of each strap, with what is the same for both in the first."""
+    table = Table(
+        title=f"{escape(source)}: rover {escape(calibration.rover)}, id {calibration.id}",
+        caption="turn, cont.: path to a contact a turn away, at the end; left: rms about the table",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    for heading in ("strap", "input", "made", ""):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("turn\nkOhm", "cont.\nOhm", "pull\nkOhm", "offs.\nLSB", "gain\n", "noise\nLSB", "left\ndeg"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for strap in calibration.straps:
-        count = f"{strap.samples} {'angles' if strap.method == 'bench' else 'scans'}"
         for name, end in (("A", strap.end_a), ("B", strap.end_b)):
             first = name == "A"
             table.add_row(
-                f"{escape(strap.wheel)} (board {strap.board}, channel {strap.channel})" if first else "",
+                escape(strap.wheel) if first else "",
+                f"{strap.board}/{strap.channel}" if first else "",
+                _age(strap.created, now) if first else strap.method,
                 name,
-                _age(strap.created, now) if first else "",
-                f"{strap.method}, {count}" if first else "",
                 f"{1e-3 * end.curve().full_turn_ratio * end.pull_down_ohm:.1f}",
                 f"{end.contact_ohm:.0f}",
-                f"{1e-3 * end.pull_down_ohm:.2f}",
-                f"{end.offset_lsb:+.2f}",
-                f"{end.gain:.4f}",
+                f"{1e-3 * end.pull_down_ohm:.1f}",
+                f"{end.offset_lsb:+.1f}",
+                f"{end.gain:.3f}",
                 f"{strap.noise_lsb:.2f}" if first else "",
                 f"{math.degrees(end.residual_rms_rad):.2f}",
-                end_section=not first,
             )
     return table
 
@@ -391,8 +387,8 @@ def _rolling(
         scans = listen_to_turns(rover, wheels, settings.baud, options.turns, console, stopped)
     done: list[CalibratedStrap] = []
     problems: list[str] = []
-    report = Table(title="rolling")
-    for heading in ("strap", "turns", "left out", "zone [deg]", "strap offset [deg]", "in the rover's file"):
+    report = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in ("strap", "turns", "left out", "zone\ndeg", "offset if symmetric\ndeg", "in the rover's file\ndeg"):
         report.add_column(heading, justify="left" if heading == "strap" else "right")
     for strap in straps:
         wheel = rover.wheels[strap.wheel_index].name
@@ -419,7 +415,8 @@ def _rolling(
     if done:
         console.print(report)
         console.print(
-            "strap offset: right if the ground was level and hard, the zone symmetric about bottom dead centre"
+            "offset: strap_offset_rad as if the zone were symmetric about bottom dead centre, which it is on level hard "
+            "ground only"
         )
         console.print(
             "1-sigma of the tables where samples reach: at most "

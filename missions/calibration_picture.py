@@ -28,13 +28,14 @@ def draw_calibration(straps: Sequence[CalibratedStrap], nominal_ohm: float, titl
     """Write the picture of `straps` as PNG; `nominal_ohm` is a full turn of a strap as drawn."""
     columns = min(len(straps), _COLUMNS)
     bands = -(-len(straps) // columns)
-    figure = Figure(figsize=(max(5.2 * columns, 7.0), 6.2 * bands + 0.5), layout="constrained")
+    figure = Figure(figsize=(max(5.2 * columns, 7.0), 7.4 * bands + 0.5), layout="constrained")
     FigureCanvasAgg(figure)
     cells = figure.subfigures(bands, columns, squeeze=False)
     for index, strap in enumerate(straps):
         cell = cells[index // columns, index % columns]
-        above, below = cell.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
+        above, middle, below = cell.subplots(3, 1, sharex=True, height_ratios=(1.8, 1.0, 1.0))
         _resistance(above, strap, nominal_ohm)
+        _off_nominal(middle, strap.fit, nominal_ohm)
         _residuals(below, strap.fit)
         if index == 0:
             above.legend(loc="upper left", fontsize=8, frameon=False)
@@ -69,6 +70,23 @@ def _resistance(axis: Axes, strap: CalibratedStrap, nominal_ohm: float) -> None:
     )
 
 
+def _off_nominal(axis: Axes, fit: StrapFit, nominal_ohm: float) -> None:
+    """What the same ohms would be taken for on a strap as drawn, less where the contact is."""
+    for end, colour in ((fit.end_a, _COLOUR_A), (fit.end_b, _COLOUR_B)):
+        arcs = np.degrees(end.calibration.arc_rad)
+        axis.plot(
+            arcs,
+            360.0 * np.array(end.calibration.resistance_ohm) / nominal_ohm - arcs,
+            color=colour,
+            linewidth=1.2,
+            marker=".",
+            markersize=3.0,
+        )
+    axis.axhline(0.0, color=_COLOUR_NOMINAL, linestyle="--", linewidth=1.0)
+    axis.set_ylabel("uncalibrated error\n[deg]", fontsize=8)
+    axis.grid(visible=True, linewidth=0.3)
+
+
 def _residuals(axis: Axes, fit: StrapFit) -> None:
     largest = 0.0
     for end, colour, name in ((fit.end_a, _COLOUR_A, "A"), (fit.end_b, _COLOUR_B, "B")):
@@ -98,7 +116,7 @@ def _residuals(axis: Axes, fit: StrapFit) -> None:
     axis.set_xlim(0.0, 360.0)
     axis.set_xticks(range(0, 361, 60))
     axis.grid(visible=True, linewidth=0.3)
-    axis.legend(loc="upper center", ncols=2, fontsize=8, frameon=False)
+    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 0.97), ncols=2, fontsize=8, frameon=False)
 
 
 def _thinned(axis: Axes, arcs: np.ndarray, ohms: np.ndarray, colour: str) -> None:
