@@ -10,7 +10,7 @@ from sim_bridge.parameters import SimBridgeParameters
 from sim_bridge.scenarios import Scenario, scenario_named
 from sim_bridge.simulated_uno import SimulatedUnos
 from sim_bridge.strap_faults import StrapFault
-from sim_bridge.virtual_ports import VirtualPorts
+from sim_bridge.virtual_ports import ServedBoards, VirtualPorts
 from sim_bridge.world import World, WorldReport, board_links
 from strap_rover import topics
 from strap_rover.ros_shell import telemetry_messages as telemetry
@@ -25,7 +25,7 @@ LAG_LIMIT_NS = 500_000_000
 """A world that is later than this (its process was stopped) does not catch up: its time goes on from now."""
 SCANS_AT_ONCE = 20
 """Scans made up for in one go: where the machine is too slow for the world, commands and signals come in between."""
-UNO_POLL_S = 0.1
+BOARDS_POLL_S = 0.1
 CLOCK_STEP_NS = 2_000_000
 """Stamps follow the host's clock when it is set, or has been slewed by this."""
 
@@ -38,8 +38,7 @@ class SimBridge(NodeShell[SimBridgeParameters]):
     place, and /clock says that time.
     """
 
-    _ports: VirtualPorts | None = None
-    _unos: SimulatedUnos | None = None
+    _boards: ServedBoards | None = None
 
     def __init__(
         self,
@@ -62,15 +61,16 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         if self_ticking and self.get_parameter("use_sim_time").value:
             raise SettingsError(["sim_bridge: a live world goes by the host's clock; leave use_sim_time false"])
         self.settings.struck_straps(rover)  # refused before a port is there
-        if links is None and self_ticking and self.settings.firmware:
-            self._unos = SimulatedUnos(self.settings, rover)
-            links = {}
-        elif links is None and self_ticking:
-            self._ports = VirtualPorts(self.settings, rover.boards)
-            links = self._ports.lines
+        if links is None and self_ticking:
+            self._boards = (
+                SimulatedUnos(self.settings, rover)
+                if self.settings.firmware
+                else VirtualPorts(self.settings, rover.boards)
+            )
+            links = self._boards.links
         elif links is None:
             links = {board: ends[1] for board, ends in board_links(rover, self.settings).items()}
-        sinks = None if self._unos is None else self._unos.unos
+        sinks = None if self._boards is None else self._boards.sinks
         self.world = world = World(rover, chosen, links, self.settings.seed, self.settings, sinks=sinks)
         self._begin_strap_fault()
         wheels = len(rover.wheels)
@@ -88,12 +88,12 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         self._suspension = self.announce(topics.SUSPENSION)
         self._ground_truth = self.announce(topics.GROUND_TRUTH)
         self._lags = self._lags_told = 0
-        self._stamps_lag_ns = 0 if self._ports is None else world.frame_latency_ns
+        self._stamps_lag_ns = 0
         if self_ticking:
             self._start()
             self.every(world.scan_period_ns * 1e-9, self._follow_clock)
-        if self._unos is not None:
-            self.every(UNO_POLL_S, self._unos.poll)
+        if self._boards is not None:
+            self.every(BOARDS_POLL_S, self._boards.poll)
 
     def tick(self) -> None:
         """Move the world up to the time set, by whole periods, and publish what is seen."""
@@ -108,10 +108,8 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         except SettingsError as error:
             self.get_logger().warning(str(error))
             return
-        if self._ports is not None:
-            self._ports.begin_fault(self.settings, self.world.reset_board)
-        elif self._unos is not None:
-            self._unos.begin_fault(self.settings)
+        if self._boards is not None:
+            self._boards.begin_fault(self.settings, self.world.reset_board)
 
     def health(self) -> Sequence[Health]:
         """Where the rover is, and each virtual port."""
@@ -127,17 +125,17 @@ class SimBridge(NodeShell[SimBridgeParameters]):
             self._lags_told = self._lags
         if self.settings.strap_fault != StrapFault.NONE.value:
             text += f"; fault of straps on purpose: {self.settings.strap_fault}"
-        served = self._ports or self._unos
-        parts = [Health("world", level, text, values)]
-        for name, is_well, said, counts in () if served is None else served.report():
-            parts.append(Health(f"port {name}", HealthLevel.OK if is_well else HealthLevel.WARN, said, counts))
-        return parts
+        ports = () if self._boards is None else self._boards.report()
+        levels = (HealthLevel.WARN, HealthLevel.OK)
+        return [
+            Health("world", level, text, values),
+            *(Health(f"port {name}", levels[is_well], said, counts) for name, is_well, said, counts in ports),
+        ]
 
     def destroy_node(self) -> None:
         """Close the ports, then as any node."""
-        for served in (self._ports, self._unos):
-            if served is not None:
-                served.close()
+        if self._boards is not None:
+            self._boards.close()
         super().destroy_node()
 
     def _start(self) -> None:
@@ -148,9 +146,10 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         Simulated Unos scan and send as slowly as real ones.
         """
         self._origin_ns = time.monotonic_ns() - self.world.now_ns
+        if self._boards is not None:
+            self._boards.set_origin(self._origin_ns)
+            self._stamps_lag_ns = self.world.frame_latency_ns if self._boards.delivers_at_once else 0
         self.world.epoch_ns = self.now_ns() - self.world.now_ns - self._stamps_lag_ns
-        if self._unos is not None:
-            self._unos.set_origin(self._origin_ns)
 
     def _begin_strap_fault(self) -> None:
         struck = self.settings.struck_straps(self.world.rover)

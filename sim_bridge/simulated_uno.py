@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -18,9 +18,10 @@ from sim_bridge.line_faults import LineFault
 from sim_bridge.painted_strap import FULL_COUNT
 from sim_bridge.parameters import SimBridgeParameters
 from sim_bridge.strap_faults import StrapFault
-from sim_bridge.world import board_id_under
+from sim_bridge.world import VoltsSink, board_id_under
 from strap_rover.rover import RoverDescription
 from strap_rover.settings import SettingsError
+from strap_sensor_driver.link import ByteLink
 from strap_sensor_driver.parameters import port_paths
 
 SIMULATOR: Final = "simulated_uno"
@@ -211,6 +212,9 @@ class SimulatedUnos:
             raise SettingsError(["line_journal: simulated Unos keep none; leave it empty, or leave firmware empty"])
         self._rover = rover
         self.unos: dict[int, SimulatedUno] = {}
+        self.links: Mapping[int, ByteLink] = {}
+        self.sinks: Mapping[int, VoltsSink] = self.unos
+        self.delivers_at_once = False
         self._fault = (LineFault.NONE, 0.0, -1)
         try:
             for index, (board, port) in enumerate(port_paths(settings.port, rover.boards).items()):
@@ -236,7 +240,7 @@ class SimulatedUnos:
         for uno in self.unos.values():
             uno.origin_ns = origin_ns
 
-    def begin_fault(self, settings: SimBridgeParameters) -> None:
+    def begin_fault(self, settings: SimBridgeParameters, _reset: Callable[[int], None] | None = None) -> None:
         """Put the lines, and the boards' ids, into the state that the settings ask for."""
         is_wrong = settings.strap_fault == StrapFault.WRONG_BOARD.value
         wrong = {strap.board for strap in settings.struck_straps(self._rover)} if is_wrong else set()

@@ -2,18 +2,46 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Protocol
 
 import numpy as np
 
 from sim_bridge.line_faults import FaultyLine, LineFault
 from sim_bridge.parameters import SimBridgeParameters
 from sim_bridge.pty_port import PtyPort
+from sim_bridge.world import VoltsSink
 from strap_rover.settings import SettingsError
+from strap_sensor_driver.link import ByteLink
 from strap_sensor_driver.parameters import port_paths
 
 _FAULT_STREAM = 0xFA17
 """Keeps the faults' random numbers apart from those of ground and sensors, which the same seed makes."""
+
+
+class ServedBoards(Protocol):
+    """The boards of a live world, whoever executes what they do."""
+
+    links: Mapping[int, ByteLink]
+    """Of boards that the world makes frames for."""
+    sinks: Mapping[int, VoltsSink]
+    """Of boards that scan by themselves."""
+    delivers_at_once: bool
+    """Whether frames come without the time that scan and line take."""
+
+    def begin_fault(self, settings: SimBridgeParameters, reset: Callable[[int], None]) -> None:
+        """Put lines and boards into the state that the settings ask for; `reset` restarts a virtual board."""
+
+    def set_origin(self, origin_ns: int) -> None:
+        """Say what CLOCK_MONOTONIC is at world time 0 [ns]."""
+
+    def poll(self) -> None:
+        """Look after what runs beside the world; ten times a second or so."""
+
+    def report(self) -> Iterator[tuple[str, bool, str, Mapping[str, object]]]:
+        """Name, whether all is well, state in words, and counts of each port."""
+
+    def close(self) -> None:
+        """Close every port."""
 
 
 class VirtualPorts:
@@ -22,6 +50,9 @@ class VirtualPorts:
     def __init__(self, settings: SimBridgeParameters, boards: tuple[int, ...]) -> None:
         sources = np.random.SeedSequence((settings.seed, _FAULT_STREAM)).spawn(len(boards))
         self.lines: dict[int, FaultyLine] = {}
+        self.links: Mapping[int, ByteLink] = self.lines
+        self.sinks: Mapping[int, VoltsSink] = {}
+        self.delivers_at_once = True
         try:
             for source, (board, path) in zip(sources, port_paths(settings.port, boards).items(), strict=True):
                 self.lines[board] = FaultyLine(PtyPort(path, settings.baud), np.random.default_rng(source))
@@ -42,6 +73,12 @@ class VirtualPorts:
             if fault is LineFault.RESET and line.fault is not LineFault.RESET:
                 reset(board)
             line.begin(fault, settings.line_fault_share)
+
+    def set_origin(self, origin_ns: int) -> None:
+        """Nothing to say: virtual boards live by the world's time."""
+
+    def poll(self) -> None:
+        """Nothing to look after."""
 
     def report(self) -> Iterator[tuple[str, bool, str, Mapping[str, object]]]:
         """Name, whether all is well, state in words, and counts of each port."""
