@@ -415,8 +415,8 @@ def _rolling(
     if done:
         console.print(report)
         console.print(
-            "offset: strap_offset_rad as if the zone were symmetric about bottom dead centre, which it is on level hard "
-            "ground only"
+            "offset: strap_offset_rad as if the zone were symmetric about bottom dead centre, which it is on level "
+            "hard ground only"
         )
         console.print(
             "1-sigma of the tables where samples reach: at most "
