@@ -59,7 +59,7 @@ const char *port_start(const char *link, unsigned baud) {
 }
 
 const char *port_plug(void) {
-    if (master >= 0) return NULL;
+    if (master >= 0 || !link_path) return NULL;
     struct termios raw;
     char name[128], beside[1100];
     int slave;

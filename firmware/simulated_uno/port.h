@@ -16,7 +16,7 @@
 /* Nobody listening: bytes are lost, as on a real line. Returns what is wrong, or NULL. */
 const char *port_start(const char *link, unsigned baud);
 
-/* Returns what is wrong, or NULL. Harmless when there is one. */
+/* Returns what is wrong, or NULL. Harmless when there is one, or none was started. */
 const char *port_plug(void);
 
 /* Whoever has it open is hung up on. */

@@ -109,6 +109,13 @@ def test_watchdog_restarts_a_hung_board(record, how, boot_ms):
     assert len(run.scans) == pytest.approx((2.0 - 0.25 - 0.001 * boot_ms) * 200, abs=8)
 
 
+def test_unplugged_board_is_dead_and_boots_by_power_on(record):
+    run = record("200hz", 2.0, "0.5 reset\n1.0 fault unplug\n1.5 fault none\n")
+    assert [hello.reset_cause for hello in run.hellos] == [1, 2, 1]
+    # Powered for 1.5 s. From each of three starts to the first frame's end: 10 ms boot, 5 period, 3 scan, 2 line.
+    assert len(run.scans) == pytest.approx((1.5 - 3 * 0.020) * 200, abs=3)
+
+
 def test_board_that_is_not_hung_is_left_alone(record):
     run = record("200hz", 30.0)
     assert "0 by the watchdog" in run.summary
