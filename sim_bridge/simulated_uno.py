@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -60,6 +61,8 @@ class SimulatedUno:
         self._control = f"{port}.control"
         self._state: dict[str, str] = {}
         """The last command of each kind, said anew to a process started anew."""
+        self._unsaid: deque[str] = deque()
+        """What it could not take yet: not ready, or its queue is full."""
         self._is_ready = False
         self._ended_s = 0.0
         self._process: subprocess.Popen[bytes] | None = None
@@ -91,8 +94,8 @@ class SimulatedUno:
     def say(self, command: str) -> None:
         """A command that holds from now on, also for a process started anew: `noise 2.4`, `fault drop 0.1`, ..."""
         self._state[command.split(" ", 1)[0]] = command
-        if self._is_ready:
-            self._send(self._talk, command)
+        self._unsaid.append(command)
+        self._say_on()
 
     def change_board(self, board_id: int) -> None:
         """Put a board with another id in its place."""
@@ -115,8 +118,8 @@ class SimulatedUno:
             if not select.select([process.stdout], [], [], 0.0)[0] or not process.stdout.readline():
                 return
             self._is_ready = True
-            for command in self._state.values():
-                self._send(self._talk, command)
+            self._unsaid = deque(self._state.values())
+        self._say_on()
         self._send(self._talk, "stat")
         self._hear()
 
@@ -180,11 +183,17 @@ class SimulatedUno:
             if pipe is not None:
                 pipe.close()
 
-    def _send(self, through: socket.socket, text: str) -> None:
+    def _say_on(self) -> None:
+        while self._is_ready and self._unsaid and self._send(self._talk, self._unsaid[0]):
+            self._unsaid.popleft()
+
+    def _send(self, through: socket.socket, text: str) -> bool:
+        """Whether it was taken: not by a process that is gone, nor by one so busy that its queue is full."""
         try:
             through.sendto(text.encode(), self._control)
-        except OSError:  # not there, or busy for so long that its queue is full: `poll` looks after it
-            return
+        except OSError:
+            return False
+        return True
 
     def _hear(self) -> None:
         while True:
