@@ -19,8 +19,10 @@ NOISE_LSB: Final = 20.0
 DRIFT_PER_S: Final = 0.005
 DRIFT_MOST: Final = 1.0
 REFERENCE_STEP: Final = 0.05
-REFERENCE_CREEP_S: Final = 2.0
-"""Time in which the strap's supply sinks to its new level."""
+REFERENCE_FALL_S: Final = 0.01
+"""Time in which the strap's supply falls to its new level."""
+REFERENCE_CREEP_PER_S: Final = 0.01 / 60.0
+REFERENCE_CREEP_MOST: Final = 0.09
 FLOAT_FOLLOWS: Final = 0.9
 """Of the input converted before that is left on a floating pin."""
 HUM_HZ: Final = 50.0
@@ -62,7 +64,9 @@ class StrapFault(Enum):
     DRIFT = "drift"
     """The layer's resistance grows by 0.5 % per second, up to twice what it was."""
     REFERENCE = "reference"
-    """The strap's supply sinks by 5 % against the converter's reference, within two seconds."""
+    """The strap's supply falls by 5 % against the converter's reference, at once: a bad joint."""
+    REFERENCE_CREEP = "reference_creep"
+    """The strap's supply sinks by 1 % per minute against the converter's reference, down to 91 %."""
     WRONG_BOARD = "wrong_board"
     """A board with another id is on the port; the board's matter, not the strap's."""
     INTERMITTENT = "intermittent"
@@ -177,8 +181,11 @@ class FaultyStrap:
                 grown = 1.0 + min(DRIFT_PER_S * self._size * (now_s - self._begun_s), DRIFT_MOST)
                 return self._behind(share_a, grown), self._behind(share_b, grown)
             case StrapFault.REFERENCE:
-                sunk = min((now_s - self._begun_s) / REFERENCE_CREEP_S, 1.0)
+                sunk = min((now_s - self._begun_s) / REFERENCE_FALL_S, 1.0)
                 level = 1.0 - min(REFERENCE_STEP * self._size, 0.9) * sunk
+                return share_a * level, share_b * level
+            case StrapFault.REFERENCE_CREEP:
+                level = 1.0 - min(REFERENCE_CREEP_PER_S * self._size * (now_s - self._begun_s), REFERENCE_CREEP_MOST)
                 return share_a * level, share_b * level
             case StrapFault.INTERMITTENT if self._open_end is not None:
                 low = self._upright(0.0)

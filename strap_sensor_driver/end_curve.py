@@ -12,6 +12,8 @@ from itertools import pairwise
 
 from strap_sensor_driver.strap import FULL_TURN_RAD
 
+_UNIFORM_PARTS = 12
+
 
 @dataclass(frozen=True, slots=True)
 class EndCurve:
@@ -42,9 +44,20 @@ class EndCurve:
             raise ValueError(f"EndCurve.arc_rad ends at {self.arc_rad[-1]} rad: a strap is one turn long, 2 pi at most")
 
     @classmethod
-    def uniform(cls, full_turn_ratio: float) -> "EndCurve":
-        """Of a uniform strap with R_str = `full_turn_ratio` x R_pull_down and no contact resistance."""
-        return cls((0.0, full_turn_ratio), (0.0, FULL_TURN_RAD), (0.0, 0.0))
+    def uniform(cls, full_turn_ratio: float, uneven_std: float = 0.0) -> "EndCurve":
+        """Of a uniform strap with R_str = `full_turn_ratio` x R_pull_down and no contact resistance.
+
+        `uneven_std` is how uneven the layer may be, 1-sigma of its resistance over a radian, relative: the arc is then
+        known to `uneven_std` sqrt(arc (2 pi - arc) / 2 pi) between the ends, where it is known (a Brownian bridge).
+        """
+        if not uneven_std:
+            return cls((0.0, full_turn_ratio), (0.0, FULL_TURN_RAD), (0.0, 0.0))
+        parts = [knot / _UNIFORM_PARTS for knot in range(_UNIFORM_PARTS + 1)]
+        return cls(
+            tuple(full_turn_ratio * part for part in parts),
+            tuple(FULL_TURN_RAD * part for part in parts),
+            tuple(uneven_std * math.sqrt(FULL_TURN_RAD * part * (1.0 - part)) for part in parts),
+        )
 
     def at(self, ratio: float) -> tuple[float, float, float]:
         """(arc [rad] within [0, 2 pi], slope d arc / d ratio [rad], 1-sigma of the table [rad]). Raises nothing."""

@@ -17,6 +17,8 @@ from strap_sensor_driver.serial_boards import LineReport
 from strap_sensor_driver.strap_reader import BoardHealth, ReaderHealth
 from strap_sensor_driver.strap_tracker import StrapHealth
 
+CALIBRATE_AGAIN = 0.05
+"""Resistance off by more than this, relative, is told while it still can be corrected."""
 _STAMP = struct.Struct("<q")
 _MULTI_ARRAY = struct.Struct("<4s3I")
 """Encapsulation (XCDR1, little endian), no dimensions, no offset, number of bytes: a UInt8MultiArray's head."""
@@ -118,5 +120,13 @@ def strap_part(wheel: str, strap: StrapHealth, number: int, calibration_id: str)
     if strap.passages:
         values |= {"seam passages": strap.passages, "R_str off by %": round(100.0 * strap.resistance_error, 2)}
         values["ends gained, of pull-down, %"] = " ".join(f"{100.0 * offset:.2f}" for offset in strap.offsets)
-    level = HealthLevel.ERROR if strap.status.is_fault else HealthLevel.OK
-    return Health(f"strap {wheel}{' second' if number else ''}", level, remedy(strap.status), values)
+    name, text = f"strap {wheel}{' second' if number else ''}", remedy(strap.status)
+    if strap.status.is_fault:
+        return Health(name, HealthLevel.ERROR, text, values)
+    gone = max(abs(strap.resistance_error), *(abs(offset) for offset in strap.offsets))
+    if gone > CALIBRATE_AGAIN:
+        text = (
+            f"is {100.0 * gone:.0f} % off what it was calibrated to, which the seam corrects: calibrate it again soon"
+        )
+        return Health(name, HealthLevel.WARN, text, values)
+    return Health(name, HealthLevel.OK, text, values)

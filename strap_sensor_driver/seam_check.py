@@ -14,8 +14,8 @@ from strap_sensor_driver.contact_zone import Learnt
 
 PRIOR_STD = 0.02
 """1-sigma of the resistance's error where it is watched only, relative."""
-WALK_STD = 0.001
-"""How far the resistance may have gone from one turn to the next, 1-sigma, relative."""
+WALK_STD = 0.0003
+"""How far the resistance may go from one turn to the next, 1-sigma, relative; more where turn after turn says so."""
 SHIFT_STD_RAD = 0.03
 """How far a zone moves as a whole while the seam passes, 1-sigma: slopes and stones."""
 WATCHED_OFFSET, LEARNT_OFFSET_MAX = 0.009, 0.11
@@ -31,6 +31,8 @@ _OFFSET_SHARE, _OFFSET_FLOOR, _OFFSET_STEP = 0.7, 0.002, 0.02
 _DIFFERENCE_SHARE = 0.2
 _SURE = 3.0
 """An error of the resistance counts from so many of its 1-sigma on."""
+_BIAS_SHARE, _BIAS_STDS = 0.3, 2.0
+"""Surprises averaged over turns: what is more than so many of its 1-sigma is a drift."""
 _OUTLIER, _OUTLIERS_MAX = 6.0, 3
 """A passage more 1-sigmas off than this is left out, unless so many in a row are."""
 
@@ -64,6 +66,7 @@ class SeamCheck:
     __slots__ = (
         "_after",
         "_before",
+        "_bias",
         "_difference_var",
         "_direction",
         "_highest",
@@ -104,6 +107,7 @@ class SeamCheck:
         self.has_stepped = False
         """In this passage, or the last one, what the ends read at the seam was far from what they read before."""
         self._outliers = 0
+        self._bias = 0.0
         self.learnt = Learnt()
         self.lost()
 
@@ -212,6 +216,9 @@ class SeamCheck:
                 return
             self._scale_var = surprise * surprise  # turn after turn: it has stepped
         self._outliers = 0
+        self._bias += _BIAS_SHARE * (surprise - self._bias)
+        if self._bias**2 > _BIAS_STDS**2 * _BIAS_SHARE / (2.0 - _BIAS_SHARE) * (noise_var + self._scale_var):
+            self._scale_var += self._bias**2
         gain = self._scale_var / (self._scale_var + noise_var)
         self._scale_error += gain * surprise
         self._scale_var *= 1.0 - gain

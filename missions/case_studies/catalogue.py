@@ -29,7 +29,25 @@ def _live_faults(folder: Path, console: Console, stopped: Callable[[], bool], sh
     return run_live_faults(folder, console, stopped, form=form if runs is None else with_rounds(form, runs)).is_good
 
 
+def _strap_bench(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
+    from missions.case_studies.strap_bench import run_study  # noqa: PLC0415 - only needed here
+
+    return run_study(folder, console, stopped, straps=runs or (2 if short else 20))
+
+
+def _strap_faults(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
+    from missions.case_studies.strap_faults import FRAMES, SHORT_FRAMES, run_study  # noqa: PLC0415 - only needed here
+
+    return run_study(folder, console, stopped, frames=runs or (SHORT_FRAMES if short else FRAMES))
+
+
 STUDIES: Mapping[str, Study] = MappingProxyType(
-    {"mars_snag": _mars_snag, "live_endurance": _live_endurance, "live_faults": _live_faults}
+    {
+        "mars_snag": _mars_snag,
+        "strap_bench": _strap_bench,
+        "strap_faults": _strap_faults,
+        "live_endurance": _live_endurance,
+        "live_faults": _live_faults,
+    }
 )
 """In the order in which `all` runs them."""

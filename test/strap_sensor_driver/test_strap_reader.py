@@ -923,7 +923,7 @@ def _inputs(rig, ticks):
 
 @pytest.fixture(scope="module")
 def every_trouble():
-    """Recorded inputs of 0.5 s in which all is well, and of 13 s in which everything else happens."""
+    """Recorded inputs of 0.5 s in which all is well, and of 14 s in which everything else happens."""
     rig = Rig(speed=2.0, noise_lsb=0.4)
     inputs = _inputs(rig, 50)
     for channel, value, ticks in (
@@ -946,6 +946,9 @@ def every_trouble():
     rig.mute = {1}
     inputs += _inputs(rig, 40)
     rig.mute = set()
+    inputs += _inputs(rig, 60)
+    rig.zone = (0.9, -0.35)  # a stone
+    inputs += _inputs(rig, 60)
     rig.hello = False
     rig.boards[0].restart()
     rig.boot_us[0] = rig.now_ns // 1000
