@@ -162,21 +162,17 @@ def table(rows: list[FaultRow]) -> PlainTable:
     """For terminal and document."""
     return PlainTable(
         "Faults of a strap",
-        ("fault", "frames", "episodes", "named", "frames to name, median", "most", "VALID, %", "worst VALID, deg",
-         "wrong", "wrong after", "named as"),
+        ("fault", "named", "frames to name", "at most", "VALID, %", "worst, deg", "wrong", "as"),
         tuple(
             (
                 row.name,
-                str(row.frames),
-                str(row.episodes),
-                f"{row.named}",
+                f"{row.named} of {row.episodes}",
                 "-" if row.frames_to_name_median is None else f"{row.frames_to_name_median:.0f}",
                 "-" if row.frames_to_name_max is None else f"{row.frames_to_name_max:.0f}",
                 f"{100.0 * row.valid / max(sum(row.statuses.values()), 1):.1f}",
                 f"{row.worst_valid_deg:.1f}",
-                str(row.wrong),
-                str(row.wrong_after),
-                ", ".join(name.removeprefix("FAULT_") for name in row.statuses if _is_name(name)) or "-",
+                f"{row.wrong} + {row.wrong_after}",
+                " ".join(name.removeprefix("FAULT_") for name in row.statuses if _is_name(name)) or "-",
             )
             for row in rows
         ),
@@ -202,7 +198,10 @@ def run_study(folder: Path, console: Console, stopped: Callable[[], bool] = neve
             _write(folder, rows)
             progress.advance(task)
     console.print(table(rows).drawn())
-    console.print(f"wrong: VALID, off by more than 5 deg and {WRONG_STDS:g} of its own 1-sigma. Results in {folder}")
+    console.print(
+        f"{rows[0].frames if rows else 0} frames and more of each. Wrong: VALID, off by more than 5 deg and "
+        f"{WRONG_STDS:g} of its own 1-sigma; during the fault + after it. Results in {folder}"
+    )
     return len(rows) == len(CASES) and not any(row.wrong or row.wrong_after for row in rows)
 
 

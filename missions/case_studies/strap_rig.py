@@ -58,7 +58,7 @@ class Record:
 
     def error(self) -> FloatArray:
         """Seen less true [rad], shape (N, 2)."""
-        return np.array(self.angles) - np.array(self.truth)
+        return np.asarray(np.array(self.angles) - np.array(self.truth))
 
     def std(self) -> FloatArray:
         """Claimed 1-sigma [rad], shape (N, 2)."""
