@@ -145,6 +145,8 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         So with virtual boards stamps lag the host by just that: then telemetry and scans agree about when they were.
         Simulated Unos scan and send as slowly as real ones.
         """
+        if self._boards is not None:
+            self._boards.start()
         self._origin_ns = time.monotonic_ns() - self.world.now_ns
         if self._boards is not None:
             self._boards.set_origin(self._origin_ns)

@@ -45,7 +45,7 @@ about, of which it is not safe."""
 
 
 class SimulatedUno:
-    """One board. SettingsError when its program refuses to start; says what that said."""
+    """One board, whose process `start` starts."""
 
     def __init__(self, board_id: int, port: str, command: Sequence[str]) -> None:
         self.board_id = board_id
@@ -69,12 +69,16 @@ class SimulatedUno:
         self._volts = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
         self._talk = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
         self._talk.bind("")  # a name of the kernel's choice, without a file, for the answers to come to
-        try:
+
+    def start(self) -> None:
+        """Start the process and wait until it serves its port; harmless when it was started.
+
+        Raises:
+            SettingsError: it refuses; says what it said.
+        """
+        if self._process is None:
             self._start()
             self._await_ready()
-        except BaseException:
-            self.close()
-            raise
 
     @property
     def is_running(self) -> bool:
@@ -101,13 +105,15 @@ class SimulatedUno:
         """Put a board with another id in its place."""
         if board_id != self.board_id:
             self.board_id = board_id
-            self._end()
-            self._start()
+            if self._process is not None:
+                self._end()
+                self._start()
 
     def poll(self) -> None:
         """Hear what it says, start it again when it has died; ten times a second or so."""
         process = self._process
-        assert process is not None
+        if process is None:
+            return
         if process.poll() is not None:
             self._note_end(process)
             if time.monotonic() - self._ended_s > RESTART_PAUSE_S and process.returncode != _EXIT_REFUSED:
@@ -208,10 +214,10 @@ class SimulatedUno:
 
 
 class SimulatedUnos:
-    """Every board of a rover, on simulated Unos with the firmware of the settings.
+    """Every board of a rover, on simulated Unos with the firmware of the settings; `start` starts them.
 
     Raises:
-        SettingsError: firmware or simulator are not there, a port cannot be made; then none is left behind.
+        SettingsError: firmware or simulator are not there, or the settings ask for what these boards cannot do.
     """
 
     def __init__(self, settings: SimBridgeParameters, rover: RoverDescription) -> None:
@@ -225,24 +231,29 @@ class SimulatedUnos:
         self.sinks: Mapping[int, VoltsSink] = self.unos
         self.delivers_at_once = False
         self._fault = (LineFault.NONE, 0.0, -1)
+        for index, (board, port) in enumerate(port_paths(settings.port, rover.boards).items()):
+            options = {
+                "boot-ms": round(1e3 * settings.board_boot_s),
+                "ppm": settings.board_clock_ppm * (1 if index % 2 == 0 else -1),
+                "baud": settings.baud,
+                "seed": settings.seed + 1000 * board,
+            }
+            words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
+            command = [str(firmware.parent / SIMULATOR), str(firmware), *words]
+            Path(port).parent.mkdir(parents=True, exist_ok=True)
+            uno = self.unos[board] = SimulatedUno(board, port, command)
+            uno.say(f"noise {1e3 * settings.adc_noise_lsb * settings.supply_v / FULL_COUNT:.6g}")
+            uno.say(f"vcc {settings.supply_v:g}")
+        self.begin_fault(settings)
+
+    def start(self) -> None:
+        """Start every process that was not; SettingsError when one refuses, and then none is left."""
         try:
-            for index, (board, port) in enumerate(port_paths(settings.port, rover.boards).items()):
-                options = {
-                    "boot-ms": round(1e3 * settings.board_boot_s),
-                    "ppm": settings.board_clock_ppm * (1 if index % 2 == 0 else -1),
-                    "baud": settings.baud,
-                    "seed": settings.seed + 1000 * board,
-                }
-                words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
-                command = [str(firmware.parent / SIMULATOR), str(firmware), *words]
-                Path(port).parent.mkdir(parents=True, exist_ok=True)
-                uno = self.unos[board] = SimulatedUno(board, port, command)
-                uno.say(f"noise {1e3 * settings.adc_noise_lsb * settings.supply_v / FULL_COUNT:.6g}")
-                uno.say(f"vcc {settings.supply_v:g}")
+            for uno in self.unos.values():
+                uno.start()
         except BaseException:
             self.close()
             raise
-        self.begin_fault(settings)
 
     def set_origin(self, origin_ns: int) -> None:
         """Say what CLOCK_MONOTONIC is at world time 0 [ns]."""

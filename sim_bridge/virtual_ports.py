@@ -31,6 +31,9 @@ class ServedBoards(Protocol):
     def begin_fault(self, settings: SimBridgeParameters, reset: Callable[[int], None]) -> None:
         """Put lines and boards into the state that the settings ask for; `reset` restarts a virtual board."""
 
+    def start(self) -> None:
+        """Begin once the world is there; harmless when they have begun. SettingsError when one cannot."""
+
     def set_origin(self, origin_ns: int) -> None:
         """Say what CLOCK_MONOTONIC is at world time 0 [ns]."""
 
@@ -73,6 +76,9 @@ class VirtualPorts:
             if fault is LineFault.RESET and line.fault is not LineFault.RESET:
                 reset(board)
             line.begin(fault, settings.line_fault_share)
+
+    def start(self) -> None:
+        """Nothing to begin: the ports are there."""
 
     def set_origin(self, origin_ns: int) -> None:
         """Nothing to say: virtual boards live by the world's time."""

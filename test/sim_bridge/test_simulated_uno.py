@@ -24,6 +24,7 @@ def unos(built, tmp_path):
     def make(**changes):
         chosen = {"firmware": str(built / "board.elf"), "port": f"{tmp_path}/uno_{{board}}", "seed": 5}
         made.append(SimulatedUnos(SimBridgeParameters(**chosen | changes), ROVER))
+        made[-1].start()
         return made[-1]
 
     yield make
@@ -138,7 +139,8 @@ def test_they_end_with_whoever_started_them_however_that_ends(built, tmp_path, w
         "import sys, time; from sim_bridge.parameters import SimBridgeParameters as P; "
         "from sim_bridge.simulated_uno import SimulatedUnos; from strap_rover.rover import load_rover; "
         f"boards = SimulatedUnos(P(firmware={str(built / 'board.elf')!r}, port={f'{tmp_path}/uno_{{board}}'!r}), "
-        "load_rover('curiosity')); print(*[uno.pid for uno in boards.unos.values()], flush=True); time.sleep(60)"
+        "load_rover('curiosity')); boards.start(); "
+        "print(*[uno.pid for uno in boards.unos.values()], flush=True); time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as parent:
         pids = [int(word) for word in parent.stdout.readline().split()]
