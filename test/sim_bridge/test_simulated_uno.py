@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from sim_bridge.painted_strap import FULL_COUNT
 from sim_bridge.parameters import SimBridgeParameters
 from sim_bridge.simulated_uno import SimulatedUnos, require_firmware
 from strap_rover.rover import load_rover
@@ -60,7 +61,7 @@ def test_each_board_is_started_as_the_settings_say(unos, heard, wait_until):
             f"--seed {1000 * board + 5}",
         ):
             assert part in start
-        assert said == ["noise 4.88759", "vcc 5", "fault none 0.1"]
+        assert said == [f"noise {5e3 / FULL_COUNT:.6g}", "vcc 5", "fault none 0.1"]
 
 
 def test_volts_come_with_the_hosts_time(unos, heard, wait_until):

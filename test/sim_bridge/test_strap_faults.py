@@ -124,14 +124,20 @@ def test_drift_grows_the_layer_from_when_it_began_and_ends():
     assert strap.shares(*ARC) == (TRUE_A, TRUE_B)
 
 
-def test_the_reference_sinks_and_stays():
+def test_the_reference_falls_at_once_and_stays():
     strap = faulty(StrapFault.REFERENCE)
     strap.advance(1_000 * MS)
-    assert strap.shares(*ARC)[0] / TRUE_A == pytest.approx(0.975)
-    assert strap.shares(*ARC, ahead_s=0.2)[0] / TRUE_A == pytest.approx(0.97)
-    strap.advance(60_000 * MS)
     assert strap.shares(*ARC) == pytest.approx((0.95 * TRUE_A, 0.95 * TRUE_B))
     assert strap.shares(6.0, 0.4) == pytest.approx((0.95, 0.95))  # at the seam it shows
+
+
+def test_a_creeping_reference_sinks_by_the_minute_down_to_its_limit():
+    strap = faulty(StrapFault.REFERENCE_CREEP)
+    strap.advance(60_000 * MS)
+    assert strap.shares(*ARC) == pytest.approx((0.99 * TRUE_A, 0.99 * TRUE_B))
+    assert strap.shares(*ARC, ahead_s=60.0)[0] / TRUE_A == pytest.approx(0.98)
+    strap.advance(3_600_000 * MS)
+    assert strap.shares(6.0, 0.4) == pytest.approx((0.91, 0.91))
 
 
 def test_a_loose_lead_opens_one_end_or_the_other_for_a_while():
