@@ -166,11 +166,13 @@ def _keep(
     )
     console.print(calibration_table(shown, datetime.now(UTC), str(out)))
     others = len(written.straps) - len(shown.straps)
-    console.print(
-        f"calibration {written.id} is in {escape(str(out))}" + (f", with {others} more straps" if others else "")
-    )
-    console.print(f"picture: {escape(str(picture))}")
-    console.print(f"tell the driver: parameter `calibration` of {_NODE}, the path of that file")
+    beside = f", with {others} more strap{'s' if others > 1 else ''}" if others else ""
+    for line in (  # a path that is broken into lines cannot be copied
+        f"calibration {written.id} is in {escape(str(out))}{beside}",
+        f"picture: {escape(str(picture))}",
+        f"tell the driver: parameter `calibration` of {_NODE}, the path of that file",
+    ):
+        console.print(line, soft_wrap=True)
 
 
 # Bench

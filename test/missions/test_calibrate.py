@@ -210,7 +210,7 @@ def test_too_few_presses_are_told_and_nothing_is_written(tmp_path, bench_run):
 
 
 def test_known_resistors_come_first(tmp_path, bench_run):
-    strap = replace(PaintedStrap.perfect(NOMINAL), offsets=(3.0 / 1023, 2.0 / 1023), slopes=(0.99, 1.0))
+    strap = replace(PaintedStrap.perfect(NOMINAL), offsets=(3.0 / 1024, 2.0 / 1024), slopes=(0.99, 1.0))
     with Bench(tmp_path / "board", strap) as bench:
 
         def on_question(text):
@@ -363,8 +363,8 @@ def angle_errors(bag, calibration):
         middles = np.array([scan.middle_ns for scan in collector._boards[wheel.board].scans])
         true = [np.interp(middles, stamps, [rows[index, column] for _, rows in truth]) for column in columns]
         strap = calibration.of(wheel.name, wheel.board, wheel.channel)
-        arc_a = [strap.end_a.curve().at(1023.0 / count - 1.0)[0] for count in np.maximum(scans.count_a, 1.0)]
-        arc_b = [strap.end_b.curve().at(1023.0 / count - 1.0)[0] for count in np.maximum(scans.count_b, 1.0)]
+        arc_a = [strap.end_a.curve().at(1024.0 / count - 1.0)[0] for count in np.maximum(scans.count_a, 1.0)]
+        arc_b = [strap.end_b.curve().at(1024.0 / count - 1.0)[0] for count in np.maximum(scans.count_b, 1.0)]
         mounting = StrapMounting(wheel.strap_offset_rad, wheel.strap_direction)
         found = mounting.contact_angles(arc_a, FULL_TURN_RAD - np.array(arc_b), scans.encoder_rad)
         clear = (np.array(arc_a) > 0.1) & (np.array(arc_b) > 0.1) & np.isfinite(scans.encoder_rad)
@@ -394,7 +394,7 @@ def test_one_wheel_is_replaced_and_the_others_stay(tmp_path, capsys, rolled_bag)
     assert rolling(rolled_bag, out, "--wheel", "fl", "--wheel", "rr") == 0
     before = read_calibration(out)
     assert rolling(rolled_bag, out, "--wheel", "rr") == 0
-    assert "with 1 more straps" in capsys.readouterr().out
+    assert "with 1 more strap\n" in capsys.readouterr().out
     after = read_calibration(out)
     assert after.of("fl", 1, 0) == before.of("fl", 1, 0)
     assert len(after.straps) == 2
