@@ -85,7 +85,7 @@ class BenchBoard:
     @property
     def full_count(self) -> float:
         """Count of one sample at the reference."""
-        return float((1 << self.hello.adc_bits) - 1)
+        return float(self.hello.full_count)
 
     def look(self, channel: int) -> tuple[float, float] | None:
         """Mean counts of the newest scan of a strap; None when none has come."""

@@ -126,7 +126,7 @@ class ScanCollector:
         osr = taken.scans[-1].osr
         sums = np.array([scan.sums[2 * channel : 2 * channel + 2] for scan in taken.scans], dtype=np.float64)
         means = sums / np.array([[scan.osr] for scan in taken.scans])
-        full_count = float((1 << taken.hello.adc_bits) - 1)
+        full_count = float(taken.hello.full_count)
         return StrapScans(encoder, means[:, 0], means[:, 1], osr, full_count, taken.hello.version)
 
 

@@ -16,7 +16,8 @@ import numpy as np
 from strap_rover.settings import check_settings
 from strap_sensor_driver.strap import FULL_TURN_RAD, Strap
 
-FULL_COUNT: Final = 1023
+FULL_COUNT: Final = 1024
+"""Converter steps of the reference, one more than the highest code (ATmega328P data sheet, ADC conversion result)."""
 MODES: Final = 3
 """Fourier modes of the layer, of 1, 2, 3 waves per turn."""
 _GRID = 4096

@@ -1,7 +1,7 @@
 """A strap board without hardware: true contact arcs in, the very bytes of the firmware out.
 
 The divider gives the volts; a 10-bit converter with the supply as its reference rounds to the nearest of 1024 codes
-(code 1023 at the reference; ideal first transition at half a step, ATmega328P data sheet, ADC accuracy definitions);
+(1024 V/Vref, at most 1023; first transition at half a step: ATmega328P data sheet, conversion result and accuracy);
 `osr` samples, each with its own Gaussian noise, are summed per input.
 """
 
@@ -124,7 +124,7 @@ class VirtualUno:
         samples *= self._noise_lsb
         samples += counts
         np.rint(samples, out=samples)
-        np.minimum(samples, FULL_COUNT, out=samples)
+        np.minimum(samples, FULL_COUNT - 1, out=samples)
         np.maximum(samples, 0.0, out=samples)
         sums = tuple([int(total) for total in samples.sum(axis=0).tolist()])
         greeting = self._greeting(device_us)

@@ -18,7 +18,7 @@ from strap_sensor_driver.monotone_table import ArcSamples, MonotoneTable, fit_ta
 from strap_sensor_driver.seam_turns import SeamTurns, seam_turns, turn_samples
 from strap_sensor_driver.strap import FULL_TURN_RAD, UNIFORM_VARIANCE
 
-FULL_COUNT_10_BIT = 1023.0
+FULL_COUNT_10_BIT = 1024.0
 TURNS_MIN = 3
 """Fewer turns do not tell an odd one from a good one."""
 _ANGLES_MIN = 4
@@ -82,7 +82,7 @@ def fit_inputs(
     def model(values: FloatArray) -> FloatArray:
         pull_down = math.exp(values[0])
         share = np.where(np.isfinite(ohms), pull_down / (pull_down + np.where(np.isfinite(ohms), ohms, 0.0)), 0.0)
-        return np.asarray(np.clip(values[1] + values[2] * full_count * share, 0.0, full_count))
+        return np.asarray(np.clip(values[1] + values[2] * full_count * share, 0.0, full_count - 1.0))
 
     best = min(
         (

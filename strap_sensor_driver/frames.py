@@ -90,6 +90,11 @@ class HelloFrame:
     version: str
     """Firmware version, at most 12 ASCII characters."""
 
+    @property
+    def full_count(self) -> int:
+        """Converter steps of the reference: codes are rounded 2^bits V / Vref, and the highest is one less."""
+        return 1 << self.adc_bits
+
 
 class RejectReason(Enum):
     """Why bytes or a frame were not handed on; the value is the name of its counter."""

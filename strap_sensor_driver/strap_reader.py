@@ -298,7 +298,7 @@ class _Board:
         self.last_frame_ns = host_ns
         self.scans_taken += 1
         self.flagged_scans += frame.flags != 0
-        full_count = frame.osr * ((1 << hello.adc_bits) - 1)
+        full_count = frame.osr * hello.full_count
         volts_per_count = 1e-3 * hello.vref_mv / full_count
         settings = self.settings
         supply_per_count = settings.supply_v / full_count if settings.supply_follows_reference else volts_per_count

@@ -16,7 +16,7 @@ from strap_sensor_driver.strap import BEST_PULL_DOWN_RATIO, FULL_TURN_RAD, strap
 
 R_STR = strap_resistance_ohm(0.25)
 PULL_DOWN = BEST_PULL_DOWN_RATIO * R_STR
-FULL, OSR, RATE_HZ = 1023, 4, 200.0
+FULL, OSR, RATE_HZ = 1024, 4, 200.0
 STRAPS = range(20)
 ENTRY, EXIT = math.radians(35.0), math.radians(-20.0)
 
@@ -54,7 +54,7 @@ def true_strap(rng: Any, off: float = 0.05, uneven: float = 0.05) -> TrueStrap:
 def counts(share: Any, rng: Any, noise_lsb: float = 1.0, osr: int = OSR) -> Any:
     """Mean counts of `osr` samples."""
     samples = FULL * np.asarray(share)[..., None] + noise_lsb * rng.standard_normal((*np.shape(share), osr))
-    return np.clip(np.rint(samples), 0, FULL).mean(axis=-1)
+    return np.clip(np.rint(samples), 0, FULL - 1).mean(axis=-1)
 
 
 class Roll(NamedTuple):

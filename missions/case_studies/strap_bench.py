@@ -132,7 +132,7 @@ def _press(strap: PaintedStrap, angle_rad: float, rng: np.random.Generator) -> t
     at = angle_rad + PRESSER_STD_RAD * float(rng.standard_normal())
     shares = np.array(strap.shares(at - 0.5 * PRESSER_RAD, at + 0.5 * PRESSER_RAD))
     samples = np.rint(FULL_COUNT * shares + NOISE_LSB * rng.standard_normal((SCANS * _OSR, 2)))
-    a, b = np.clip(samples, 0.0, FULL_COUNT).mean(axis=0).tolist()
+    a, b = np.clip(samples, 0.0, FULL_COUNT - 1).mean(axis=0).tolist()
     return a, b
 
 

@@ -110,7 +110,7 @@ def test_raw_frames_decode_to_the_volts_that_were_published(recorded):
             continue
         assert isinstance(frame, DataFrame)
         counts["data"] += 1
-        volts = np.array(frame.sums) / (4 * 1023) * 5.0
+        volts = np.array(frame.sums) / (4 * 1024) * 5.0
         per_tick.setdefault(message.log_time_ns, {}).setdefault(frame.board_id, []).append(volts)
     assert all(0 <= logged - host <= 10 * MS for logged, host in arrivals)
     assert all(not decoder.counters.lost and not decoder.counters.restart for decoder in decoders.values())

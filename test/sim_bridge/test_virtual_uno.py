@@ -32,7 +32,7 @@ def _sums(stream):
 
 def test_counts_without_noise_are_the_rounded_volts():
     v_a, v_b = STRAP.terminal_voltages(ARCS[0], ARCS[1])
-    expected = [round(float(volts) / 5.0 * 1023) * 4 for pair in zip(v_a, v_b, strict=True) for volts in pair]
+    expected = [min(round(float(volts) / 5.0 * 1024), 1023) * 4 for pair in zip(v_a, v_b, strict=True) for volts in pair]
     assert _sums(_board().scan(0, *ARCS)).tolist() == [expected]
 
 
@@ -40,7 +40,7 @@ def test_an_inverted_strap_is_seen_from_the_supply():
     flipped = Strap(785e3, 453e3, 400e3, 5.0, inverted=True)
     upright = _sums(_board().scan(0, *ARCS))
     board = VirtualUno(9, [flipped] * 3, osr=4, noise_lsb=0.0, rng=np.random.default_rng(5))
-    np.testing.assert_allclose(_sums(board.scan(0, *ARCS)), 4 * 1023 - upright, atol=4)
+    np.testing.assert_allclose(_sums(board.scan(0, *ARCS)), 4 * 1024 - upright, atol=4)
 
 
 def test_seam_and_air_are_full_scale_and_zero():
@@ -52,7 +52,7 @@ def test_noise_is_gaussian_per_sample_and_averages_down_with_osr():
     board = _board(noise_lsb=2.0)
     stream = b"".join(board.scan(5000 * index, *ARCS) for index in range(3000))
     sums = _sums(stream)
-    exact = np.stack(STRAP.terminal_voltages(ARCS[0], ARCS[1]), axis=1).ravel() / 5.0 * 1023
+    exact = np.stack(STRAP.terminal_voltages(ARCS[0], ARCS[1]), axis=1).ravel() / 5.0 * 1024
     np.testing.assert_allclose(sums.mean(axis=0) / 4, exact, atol=0.08)
     # each sample: noise and rounding
     np.testing.assert_allclose(sums.std(axis=0), 2.0 * math.sqrt(2.0**2 + 1.0 / 12.0), rtol=0.06)

@@ -18,7 +18,7 @@ from strap_sensor_driver.calibration_fit import (
 from strap_sensor_driver.strap import FULL_TURN_RAD
 
 R_STR, PULL_DOWN = 785398.0, 453450.0
-FULL, OSR = 1023, 4
+FULL, OSR = 1024, 4
 ENTRY, EXIT = math.radians(35.0), math.radians(-20.0)
 INPUT = InputFit(PULL_DOWN)
 STRAPS = range(10)
@@ -51,7 +51,7 @@ class Uneven:
 
 def read(share, rng, noise_lsb=1.0, offset=0.0, gain=1.0):
     samples = offset + gain * FULL * np.asarray(share)[..., None] + noise_lsb * rng.standard_normal((*share.shape, OSR))
-    return np.clip(np.rint(samples), 0, FULL).mean(axis=-1)
+    return np.clip(np.rint(samples), 0, FULL - 1).mean(axis=-1)
 
 
 def zone(encoder, direction, front, rear, offset=1.0):

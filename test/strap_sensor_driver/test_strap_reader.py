@@ -203,8 +203,8 @@ def test_volts_are_those_at_the_ends_and_the_stamp_is_the_mean_middle():
     reading = rig.step()
     for wheel, mounting in enumerate(rig.mountings):
         v_a, v_b = rig.strap.terminal_voltages(*mounting.strap_angles(*rig.zone, rig.position))
-        assert reading.voltages.v_a[wheel] == pytest.approx(float(v_a), abs=0.5 * 5.0 / 1023 + 1e-12)
-        assert reading.voltages.v_b[wheel] == pytest.approx(float(v_b), abs=0.5 * 5.0 / 1023 + 1e-12)
+        assert reading.voltages.v_a[wheel] == pytest.approx(float(v_a), abs=0.5 * 5.0 / 1024 + 1e-12)
+        assert reading.voltages.v_b[wheel] == pytest.approx(float(v_b), abs=0.5 * 5.0 / 1024 + 1e-12)
     middle_ns = rig.now_ns - TICK_NS + 2_500_000 + 1000 * rig.boards[0].middle_us()
     assert reading.angles.stamp_ns == reading.voltages.stamp_ns == pytest.approx(middle_ns, abs=1000)
     assert reading.angles.stamp_ns - angles.stamp_ns == pytest.approx(TICK_NS, abs=1000)
