@@ -54,7 +54,7 @@ class _Sent(Mapping[str, int]):
                 self._counters.setdefault(name, []).append(node.published)
 
     def __getitem__(self, name: str) -> int:
-        counters = self._counters[name]
+        counters = self._counters.get(name, ())  # none: recorded where somebody says it, and nobody does in this run
         return counters[0][name] if len(counters) == 1 else sum(counter[name] for counter in counters)
 
     def __iter__(self) -> Iterator[str]:

@@ -74,7 +74,7 @@ class StrapReaderSettings:
         default=0.02, metadata=_row("change of volts that counts as unchanged", 0.0, 1.0, tunable=True)
     )
     theta_max_rad: float = field(
-        default=1.9,
+        default=2.3,
         metadata=_row("how far from bottom dead centre soil may touch the wheel", 0.5, math.pi, tunable=True),
     )
     jump_rad: float = field(
