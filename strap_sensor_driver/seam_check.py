@@ -80,6 +80,7 @@ class SeamCheck:
         "_seam_encoder",
         "_seam_scans",
         "_seam_sums",
+        "has_passed",
         "has_stepped",
         "learnt",
         "passages",
@@ -93,7 +94,7 @@ class SeamCheck:
         self.forget()
 
     def tune(self, prior_std: float) -> None:
-        """Go by another `prior_std`; what was learnt is forgotten when it becomes 0 or was."""
+        """Go by another `prior_std`, and forget what was learnt by the one before."""
         self._learns = prior_std > 0.0
         self._prior_std = prior_std or PRIOR_STD
         self.forget()
@@ -104,6 +105,8 @@ class SeamCheck:
         self._scale_var = self._prior_std**2
         self._difference_var = 4.0 * (SHIFT_STD_RAD / math.pi) ** 2
         self._offsets = (0.0, 0.0)
+        self.has_passed = False
+        """The wheel has turned on, the last time the seam was in the zone; false while it is, or if it turned back."""
         self.has_stepped = False
         """In this passage, or the last one, what the ends read at the seam was far from what they read before."""
         self._outliers = 0
@@ -151,7 +154,7 @@ class SeamCheck:
         if self._seam_encoder is None:
             self._seam_encoder = encoder
             self._after = None
-            self.has_stepped = False
+            self.has_passed = self.has_stepped = False
             self._lowest = self._highest = (gained_a, gained_b)
         self._lowest = (min(self._lowest[0], gained_a), min(self._lowest[1], gained_b))
         self._highest = (max(self._highest[0], gained_a), max(self._highest[1], gained_b))
@@ -177,8 +180,9 @@ class SeamCheck:
         assert self._seam_encoder is not None
         turned = abs(encoder - self._seam_encoder)
         scans = self._seam_scans
+        self.has_passed = turned > _LEAST_PASSAGE_RAD
         is_steady = all(high - low < _STEADY for high, low in zip(self._highest, self._lowest, strict=True))
-        if scans >= _SEEN_SCANS and turned > _LEAST_PASSAGE_RAD and is_steady:
+        if scans >= _SEEN_SCANS and self.has_passed and is_steady:
             changes = [total / scans - past for total, past in zip(self._seam_sums, self._offsets, strict=True)]
             # A step is believed at once: a lead does not come and go by halves.
             self.has_stepped = max(abs(change) for change in changes) > _OFFSET_STEP
@@ -187,7 +191,8 @@ class SeamCheck:
             self._tell()
         is_passage = (
             self._before.count >= _SEEN_SCANS
-            and _LEAST_PASSAGE_RAD < turned < _LONGEST_PASSAGE_RAD
+            and self.has_passed
+            and turned < _LONGEST_PASSAGE_RAD
             and is_steady
             and not self.has_stepped
         )
@@ -209,7 +214,9 @@ class SeamCheck:
         self._difference_var += _DIFFERENCE_SHARE * (apart * apart - self._difference_var)
         noise_var = (2.0 * SHIFT_STD_RAD / (abs(arc_a) + abs(arc_b))) ** 2 + 0.25 * self._difference_var
         self._scale_var += WALK_STD**2
-        surprise = seen if self._learns else seen - self._scale_error
+        # Seen over arcs that are off as well, on top of what was corrected; that is limited, and the rest must not pile
+        # up turn after turn.
+        surprise = self.learnt.scale / max(1.0 - seen, 0.5) - 1.0 - self._scale_error
         if surprise * surprise > _OUTLIER**2 * (noise_var + self._scale_var):
             self._outliers += 1
             if self._outliers < _OUTLIERS_MAX:

@@ -334,7 +334,7 @@ class StrapTracker:
         status = self._in_motion(found, v_a, v_b, encoder)
         if found != _VALID:
             self._outside_zone(found, v_a, v_b, encoder)
-            return self._confirmed(status, encoder)
+            return self._confirmed(self._by_seam(status), encoder)
         front, rear = self._in_soil_frame(beta_1, beta_2, encoder)
         if status == _VALID and max(abs(_wrapped(front)), abs(_wrapped(rear))) > self.settings.theta_max_rad:
             status = _PLACE
@@ -375,7 +375,8 @@ class StrapTracker:
             self._candidate = None
 
     def _by_seam(self, status: int) -> int:
-        if status not in {_VALID, _UNCONFIRMED}:
+        """What the seam has told goes for every scan in contact, within the seam as well: there it is not over."""
+        if status not in {_VALID, _UNCONFIRMED, _PREDICTED}:
             return status
         if self._check.has_reference_fault:
             return _REFERENCE
@@ -410,7 +411,7 @@ class StrapTracker:
         if not self._anchors:  # the seam has passed, or nothing was to be seen for a moment
             if away > reach and not self._is_repeated(front, rear, reach):
                 return _PREDICTED
-            if self._saw_seam:
+            if self._saw_seam and self._check.has_passed:
                 self._is_proven = not self._check.has_stepped and (self._is_proven or self._needs_seam)
                 self._needs_seam = not self._is_proven
             self._settle(front, rear, encoder)
@@ -581,8 +582,8 @@ class StrapTracker:
         self.bad_scans = 0
         if not self.fault:
             return status
-        if not self.good_scans:
-            self.good_encoder = encoder
+        if not self.good_scans or (status == _PREDICTED and self.fault not in _SHOWS_AT_REST):
+            self.good_encoder = encoder  # rotation within the seam shows nothing of what the ends do outside it
         self.good_scans += 1
         if not self.rest_scans or abs(encoder - self.rest_encoder) > _REST_RAD:
             self.rest_encoder, self.rest_scans = encoder, 0
@@ -604,8 +605,8 @@ class StrapTracker:
         """
         n = self.n_good
         settings, limits = self.settings, self._limits
-        self.front = _wrapped(self.front + self.sum_front / n)
-        self.rear = _wrapped(self.rear + self.sum_rear / n)
+        self.front += self.sum_front / n
+        self.rear += self.sum_rear / n
         v_a, v_b = self.sum_good_a_v / n, self.sum_good_b_v / n
         supply_v = limits.supply_v
         if limits.inverted:
@@ -643,7 +644,7 @@ class StrapTracker:
         front, rear, front_std, rear_std = self.front, self.rear, self.front_std, self.rear_std
         if status in {_VALID, _UNCONFIRMED}:
             self.held_since_ns = None
-            return front, rear, front_std, rear_std, status
+            return _wrapped(front), _wrapped(rear), front_std, rear_std, status
         if status == _NO_CONTACT:
             self.held_since_ns = None
             return 0.0, 0.0, math.pi, math.pi, status
@@ -658,7 +659,7 @@ class StrapTracker:
             extra += aged * aged
         front_std = min(math.sqrt(front_std * front_std + extra), math.pi)
         rear_std = min(math.sqrt(rear_std * rear_std + extra), math.pi)
-        return front, rear, front_std, rear_std, status
+        return _wrapped(front), _wrapped(rear), front_std, rear_std, status
 
     def _round_seam(self, front: float, rear: float) -> tuple[float, float]:
         """The zone held, widened to where the seam is now: both ends touch the conductor, so it is in the zone."""
