@@ -379,8 +379,9 @@ def test_a_drift_of_the_resistance_is_one_fault_that_ends_with_its_cause():
     assert wheel.tracker.health().resistance_error == pytest.approx(0.0, abs=0.005)
 
 
-def test_a_strap_that_may_be_uncertain_is_corrected_by_its_seam():
-    wheel = Wheel(speed=2.0, settings=replace(SETTINGS, resistance_std_ratio=0.05))
+@pytest.mark.parametrize(("direction", "travel"), SIGNS)
+def test_a_strap_that_may_be_uncertain_is_corrected_by_its_seam(direction, travel):
+    wheel = Wheel(direction=direction, speed=2.0 * travel, settings=replace(SETTINGS, resistance_std_ratio=0.05))
     wheel.scale = 1.05
     wheel.turn(10 * FULL_TURN_RAD)
     records = wheel.turn(2 * FULL_TURN_RAD)
