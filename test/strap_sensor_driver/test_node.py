@@ -15,6 +15,8 @@ from strap_rover.ros_shell.telemetry_messages import JointTelemetry
 from strap_rover.rover import load_rover
 from strap_rover.settings import SettingsError
 from strap_rover.telemetry import WheelStates
+from strap_sensor_driver.calibration import EndCalibration, StrapCalibration
+from strap_sensor_driver.calibration_file import read_calibration, rover_calibration, write_calibration
 from strap_sensor_driver.contact_zone import ContactStatus
 from strap_sensor_driver.frames import PROTOCOL, DataFrame, HelloFrame, encode_data, encode_hello
 from strap_sensor_driver.link import MemoryLink
@@ -35,7 +37,7 @@ def hello(board, proto=PROTOCOL):
 
 def data(board, seq, share=0.6):
     """A scan in which every end reads `share` of the supply."""
-    return encode_data(DataFrame(board, seq, 5000 * seq, 0, 4, (round(4 * 1023 * share),) * 6))
+    return encode_data(DataFrame(board, seq, 5000 * seq, 0, 4, (round(4 * 1024 * share),) * 6))
 
 
 class Bench:
@@ -210,3 +212,41 @@ def test_live_it_ticks_by_itself(ros_context, wait_until):
     executor.add_node(node)
     wait_until(lambda: node.published["strap/contact_angles"] >= 3, lambda: executor.spin_once(timeout_sec=0.05))
     executor.shutdown()
+
+
+@pytest.fixture
+def calibration_file(tmp_path):
+    """Of wheel fl alone."""
+    end = EndCalibration(453450.0, 0.0, 1.0, (500.0, 4e5, 7.8e5), (0.0, 3.2, 6.28), (0.001, 0.002, 0.02), 0.004)
+    one = StrapCalibration("fl", 1, 0, "bench", "2026-05-01T10:00:00Z", "1.0", 18, 0.7, end, end)
+    write_calibration(tmp_path / "straps.yaml", rover_calibration("curiosity", (one,)))
+    return tmp_path / "straps.yaml"
+
+
+def test_the_calibration_is_said_once_for_late_listeners_and_its_id_in_health(
+    ros_context, wait_until, calibration_file
+):
+    settings = StrapDriverParameters(calibration=str(calibration_file))
+    links = {board: MemoryLink.pair(f"board {board}")[0] for board in ROVER.boards}
+    node = StrapSensorDriver(links, settings=settings, context=ros_context, self_ticking=False)
+    assert node.published[topics.STRAP_CALIBRATION.name] == 1
+    peer = NodeShell("peer", StrapDriverParameters, settings=settings, context=ros_context, self_ticking=False)
+    heard = []
+    peer.listen(topics.STRAP_CALIBRATION, heard.append)  # it comes late
+    wait_until(lambda: peer.drain_until({topics.STRAP_CALIBRATION.name: 1}))
+    assert heard[0].data == calibration_file.read_text()
+    parts = {part.name: part for part in node.health()}
+    expected = read_calibration(calibration_file).id
+    assert parts["strap fl"].values["calibration"] == expected
+    assert parts["strap ml"].values["calibration"] == "none"
+
+
+def test_without_a_calibration_none_is_said(bench):
+    assert topics.STRAP_CALIBRATION.name not in bench.node.published
+
+
+def test_a_calibration_that_does_not_fit_stops_the_driver_at_its_start(ros_context, calibration_file):
+    links = {1: MemoryLink.pair("board 1")[0]}
+    settings = StrapDriverParameters(rover="single_wheel", calibration=str(calibration_file))
+    with pytest.raises(SettingsError, match="is of rover 'curiosity', not 'single_wheel'"):
+        StrapSensorDriver(links, settings=settings, context=ros_context, self_ticking=False)
