@@ -78,8 +78,8 @@ _REMEDY = {
     f"{_LEARN_ANEW}",
     ContactStatus.FAULT_DRIFT: "the strap's resistance is not what it was calibrated to: clean it, check glue, leads; "
     "calibrate again",
-    ContactStatus.FAULT_REFERENCE: "the strap's supply is not the converter's reference, or a lead or slip ring gained "
-    "resistance: measure the conductor against the board's 5V, mend; else calibrate again",
+    ContactStatus.FAULT_REFERENCE: "the strap's supply is not the converter's reference, or a lead gained resistance: "
+    "measure the conductor against the board's 5V, mend; else calibrate again",
     ContactStatus.FAULT_MIRRORED: "the zone runs against the wheel: ends A and B are swapped, or strap_direction or "
     f"the encoder has the wrong sign{_LEARN_ANEW}",
     ContactStatus.FAULT_UNSTEADY: "the zone jumps about: look for a loose lead, moisture, a worn slip ring, hum",

@@ -72,6 +72,7 @@ class SeamCheck:
         "_highest",
         "_learns",
         "_lowest",
+        "_newest",
         "_offsets",
         "_outliers",
         "_prior_std",
@@ -120,6 +121,7 @@ class SeamCheck:
         self._after: _Mean | None = None
         self._seam_encoder: float | None = None
         self._seam_scans = 0
+        self._newest: tuple[float, float] | None = None
         self._seam_sums = self._lowest = self._highest = (0.0, 0.0)
 
     @property
@@ -150,24 +152,36 @@ class SeamCheck:
         return max(abs(offset) for offset in self._offsets) > limit
 
     def seam(self, gained_a: float, gained_b: float, encoder: float) -> None:
-        """One scan within the seam: resistance over the pull-down's beyond the calibrated contact's, of each end."""
+        """One scan within the seam: resistance over the pull-down's beyond the calibrated contact's, of each end.
+
+        The first and the last of a passage may be torn, an end having come to the supply while it was sampled: they are
+        left out.
+        """
         if self._seam_encoder is None:
             self._seam_encoder = encoder
             self._after = None
             self.has_passed = self.has_stepped = False
-            self._lowest = self._highest = (gained_a, gained_b)
-        self._lowest = (min(self._lowest[0], gained_a), min(self._lowest[1], gained_b))
-        self._highest = (max(self._highest[0], gained_a), max(self._highest[1], gained_b))
-        self._seam_scans += 1
-        self._seam_sums = (self._seam_sums[0] + gained_a, self._seam_sums[1] + gained_b)
+            self._lowest, self._highest = (math.inf, math.inf), (-math.inf, -math.inf)
+            self._newest = None
+            return
+        if self._newest is not None:
+            seen_a, seen_b = self._newest
+            self._lowest = (min(self._lowest[0], seen_a), min(self._lowest[1], seen_b))
+            self._highest = (max(self._highest[0], seen_a), max(self._highest[1], seen_b))
+            self._seam_scans += 1
+            self._seam_sums = (self._seam_sums[0] + seen_a, self._seam_sums[1] + seen_b)
+        self._newest = (gained_a, gained_b)
 
-    def located(self, theta_a: float, theta_b: float, arc_a: float, arc_b: float, encoder: float) -> None:
-        """One scan outside it: where end A's and end B's side of the zone lie in the soil, and their arcs [rad].
+    def outside(self, encoder: float) -> None:
+        """One scan outside the seam, whatever it is worth: a passage, if there was one, has ended."""
+        if self._seam_encoder is not None:
+            self._leave_seam(encoder)
+
+    def located(self, theta_a: float, theta_b: float, arc_a: float, arc_b: float) -> None:
+        """A scan that is believed: where end A's and end B's side of the zone lie in the soil, and their arcs [rad].
 
         `theta` are continuous from call to call; arcs are from each end, as corrected by `learnt`.
         """
-        if self._seam_encoder is not None:
-            self._leave_seam(encoder)
         if self._after is None:
             self._before.add(theta_a, theta_b, arc_a, arc_b, 1.0 / min(self._before.count + 1, _SEEN_SCANS))
             return

@@ -61,6 +61,8 @@ _JUMP_STDS, _NOISE_STDS = 4.0, 5.0
 """A zone end moves by no more than so many 1-sigmas from noise."""
 _WITH_WHEEL = 0.5
 """A zone end that moves by this much of the wheel's rotation turns with the wheel, and not with the soil."""
+_TORN_SCANS = 1
+"""Doubt of so many scans before the seam is none: an end came to the supply while its samples were summed."""
 _UNSTEADY_TURNS, _UNSTEADY_SCANS = 3, 400
 """Doubt that lasts for so many times `stuck_rotation_rad`, or so many scans, is a fault though nothing names it."""
 _MIRRORED_LOW, _MIRRORED_HIGH = -2.5, -1.5
@@ -338,13 +340,15 @@ class StrapTracker:
         front, rear = self._in_soil_frame(beta_1, beta_2, encoder)
         if status == _VALID and max(abs(_wrapped(front)), abs(_wrapped(rear))) > self.settings.theta_max_rad:
             status = _PLACE
-        ends = (rear, front) if self.direction > 0.0 else (front, rear)
-        self._check.located(*ends, beta_1, FULL_TURN_RAD - beta_2, encoder)
+        self._check.outside(encoder)
         if status == _VALID:
             status = self._in_soil(front, rear, encoder)
             if status == _PREDICTED:  # in doubt: neither good nor bad
                 self.bad_scans = self.good_scans = self.rest_scans = 0
                 return self.fault or _PREDICTED
+            if status in {_VALID, _UNCONFIRMED}:
+                ends = (rear, front) if self.direction > 0.0 else (front, rear)
+                self._check.located(*ends, beta_1, FULL_TURN_RAD - beta_2)
         status = self._confirmed(self._by_seam(status), encoder)
         if status in {_VALID, _UNCONFIRMED}:
             self.sum_front += _wrapped(front - self.front)
@@ -361,6 +365,9 @@ class StrapTracker:
         self._repeats = 0
         self._saw_seam = found == _PREDICTED
         if found == _PREDICTED:
+            if self._candidate is not None and self._doubtful_scans <= _TORN_SCANS:
+                self._candidate = None  # the end that came to the supply was being sampled: no more than that
+                self.doubts -= 1
             limits = self._limits
             supply_v = limits.supply_v
             if limits.inverted:
@@ -369,7 +376,8 @@ class StrapTracker:
                 supply_v / v_a - 1.0 - limits.curve_a.ratio[0], supply_v / v_b - 1.0 - limits.curve_b.ratio[0], encoder
             )
             return
-        self._check.lost()
+        if found == _NO_CONTACT or self.bad_scans + 1 >= self.settings.fault_scans:  # one bad scan may be torn
+            self._check.lost()
         if found == _NO_CONTACT:  # it comes down wherever
             self._has_zone = False
             self._candidate = None
@@ -406,11 +414,12 @@ class StrapTracker:
         settings = self.settings
         reach = settings.jump_rad + _JUMP_STDS * max(self.front_std, self.rear_std)
         away = max(abs(front - self.front), abs(rear - self.rear))
+        # The seam has passed, or nothing was to be seen for a moment: a scan far off may be torn, but not three alike.
+        if not self._anchors and away > reach and not self._is_repeated(front, rear, reach):
+            return _PREDICTED
         if away > reach + 2.0 * settings.predicted_std_per_rad * abs(encoder - self.zone_encoder):
             return self._doubt(front, rear, encoder)
-        if not self._anchors:  # the seam has passed, or nothing was to be seen for a moment
-            if away > reach and not self._is_repeated(front, rear, reach):
-                return _PREDICTED
+        if not self._anchors:
             if self._saw_seam and self._check.has_passed:
                 self._is_proven = not self._check.has_stepped and (self._is_proven or self._needs_seam)
                 self._needs_seam = not self._is_proven

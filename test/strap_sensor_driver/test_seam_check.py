@@ -39,13 +39,13 @@ class Wheel:
         if arc_a + arc_b > FULL_TURN_RAD:  # the zone covers the seam
             self.check.seam(*self.gained, self.encoder)
             return
+        self.check.outside(self.encoder)
         off = (1.0 + self.error) / self.check.learnt.scale
         self.check.located(
             side_a + self.direction * arc_a * (off - 1.0),
             side_b - self.direction * arc_b * (off - 1.0),
             arc_a * off,
             arc_b * off,
-            self.encoder,
         )
 
     @property
@@ -229,7 +229,8 @@ def test_a_seam_at_rest_teaches_nothing():
     wheel.gained = (0.05, 0.0)
     for _ in range(500):
         wheel.check.seam(0.05, 0.0, wheel.encoder)
-    wheel.check.located(0.0, 0.0, 3.0, 3.0, wheel.encoder)
+    wheel.check.outside(wheel.encoder)
+    wheel.check.located(0.0, 0.0, 3.0, 3.0)
     assert wheel.check.offsets == (0.0, 0.0)
     assert wheel.check.passages == 0
     assert not wheel.check.has_passed
