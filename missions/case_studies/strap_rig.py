@@ -1,6 +1,7 @@
 """A wheel with straps on a bench: any motion, any zone, any flaw or fault, real frames, the real reader. No ROS.
 
-Time is simulated. The zone wanders as soil makes it, by a seeded Ornstein-Uhlenbeck process over the wheel's rotation.
+Time is simulated. Each end is sampled when the board samples it, so that a scan may be torn by the seam. The zone
+wanders as soil makes it, by a seeded Ornstein-Uhlenbeck process over the wheel's rotation.
 """
 
 import math
@@ -16,13 +17,20 @@ from strap_rover.arrays import FloatArray, IntArray
 from strap_rover.telemetry import WheelStates
 from strap_sensor_driver.calibration import StrapCalibration
 from strap_sensor_driver.contact_zone import ContactAngles
+from strap_sensor_driver.device_clock import CONVERSION_US
 from strap_sensor_driver.frames import AcceptedFrame, DataFrame, FrameDecoder
-from strap_sensor_driver.mounting import StrapMounting
+from strap_sensor_driver.mounting import THREE_QUARTER_TURN_RAD, StrapMounting
 from strap_sensor_driver.reader_settings import StrapReaderSettings
+from strap_sensor_driver.strap import FULL_TURN_RAD
 from strap_sensor_driver.strap_reader import StrapReader
 from strap_sensor_driver.strap_tracker import StrapBinding
 
 TICK_NS, SCAN_NS = 10_000_000, 5_000_000
+_OSR = 4
+_SAMPLES_US, _SUMMED_US = float(CONVERSION_US * (1 + _OSR)), float(CONVERSION_US * (_OSR - 1))
+"""From one input's samples to the next one's, and from the first of them that is summed to the last."""
+_TORN = 0.02
+"""A share that changes by more while it is summed has jumped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,10 +171,9 @@ class StrapRig:
             self.step(record)
 
     def _scan(self, index: int, scan_ns: int, encoder_rad: float) -> None:
-        one, uno, faulty = self.straps[index], self._unos[index], self.faulty[index]
-        beta_1, beta_2 = (float(beta) for beta in one.mounting.strap_angles(*self.zone, encoder_rad))
+        uno, faulty = self._unos[index], self.faulty[index]
         faulty.advance(scan_ns)
-        share_a, share_b = faulty.shares(beta_1, beta_2, before=self._last_converted[index])
+        share_a, share_b = self._summed(index, encoder_rad)
         self._last_converted[index] = share_b
         if faulty.fault is StrapFault.WRONG_BOARD:
             uno = self._strangers[index]
@@ -178,6 +185,31 @@ class StrapRig:
                 if isinstance(event, AcceptedFrame) and isinstance(event.frame, DataFrame)
             ]
         self.reader.feed_bytes(index, data, scan_ns + 1000 * uno.latency_us())
+
+    def _summed(self, index: int, encoder_rad: float) -> tuple[float, float]:
+        """Means of the samples of ends A and B, each taken when it is taken: at the seam they may be torn."""
+        last = self._last_converted[index]
+        means = []
+        for end, late_us in ((0, -0.5 * _SAMPLES_US), (1, 0.5 * _SAMPLES_US)):
+            first, final = (
+                self.faulty[index].shares(
+                    *self._arc(index, encoder_rad + 1e-6 * (late_us + edge_us) * self.speed_radps), before=last
+                )[end]
+                for edge_us in (-0.5 * _SUMMED_US, 0.5 * _SUMMED_US)
+            )
+            if abs(final - first) < _TORN:
+                means.append(0.5 * (first + final))
+            else:
+                after = int(self._rng.integers(0, _OSR + 1))  # samples that saw the jump
+                means.append((after * final + (_OSR - after) * first) / _OSR)
+        return means[0], means[1]
+
+    def _arc(self, index: int, encoder_rad: float) -> tuple[float, float]:
+        """`StrapMounting.strap_angles` of the zone as it is, in plain floats."""
+        mounting = self.straps[index].mounting
+        theta_n = mounting.offset_rad - mounting.direction * encoder_rad - THREE_QUARTER_TURN_RAD
+        of_front, of_rear = ((mounting.direction * theta - theta_n) % FULL_TURN_RAD for theta in self.zone)
+        return (of_rear, of_front) if mounting.direction > 0 else (of_front, of_rear)
 
     def _let_wander(self, turned_rad: float) -> None:
         ground = self.ground
