@@ -2,8 +2,8 @@
 
 For each fault: episodes of a sound wheel that turns at some speed, then the fault, then its end; speeds, zones,
 mountings and moments drawn from the study's seed. An angle is wrong that is called VALID and is off by more than
-WRONG_RAD and by more than WRONG_STDS of its own 1-sigma. Noise is 1 LSB, R_str known to 1 %, as config/real_rover.yaml
-has it.
+WRONG_RAD and by more than WRONG_STDS of its own 1-sigma. Noise is 1 LSB, R_str known to 1 %: a strap calibrated some
+time ago.
 """
 
 import json
