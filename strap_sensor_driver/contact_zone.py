@@ -233,16 +233,17 @@ def locate(v_a: float, v_b: float, limits: ZoneLimits, learnt: Learnt = NOTHING_
         v_b = supply_v - v_b
     v_a /= level
     v_b /= level
-    if v_a < limits.contact_v or v_b < limits.contact_v:
-        if v_a < limits.contact_v and v_b < limits.contact_v:
+    contact_v = limits.contact_v
+    if v_a < contact_v or v_b < contact_v:
+        if v_a < contact_v and v_b < contact_v:
             return _NO_CONTACT, 0.0, 0.0
-        return (_OPEN_A if v_a < limits.contact_v else _OPEN_B), 0.0, 0.0
+        return (_OPEN_A if v_a < contact_v else _OPEN_B), 0.0, 0.0
     if v_a > limits.seam_a_v and v_b > limits.seam_b_v:
         return _PREDICTED, 0.0, 0.0
     if not (v_a >= limits.lowest_a_v and v_b >= limits.lowest_b_v):
         return _RANGE, 0.0, 0.0
-    beta_1 = min(limits.curve_a.at((supply_v / v_a - 1.0 - offset_a) / scale)[0], FULL_TURN_RAD)
-    from_b = min(limits.curve_b.at((supply_v / v_b - 1.0 - offset_b) / scale)[0], FULL_TURN_RAD)
+    beta_1 = limits.curve_a.arc_at((supply_v / v_a - 1.0 - offset_a) / scale)
+    from_b = limits.curve_b.arc_at((supply_v / v_b - 1.0 - offset_b) / scale)
     if beta_1 < _SEAM_ARC_RAD and from_b < _SEAM_ARC_RAD:
         return _PREDICTED, 0.0, 0.0
     beta_2 = FULL_TURN_RAD - from_b

@@ -81,7 +81,9 @@ class SeamCheck:
         "_seam_encoder",
         "_seam_scans",
         "_seam_sums",
+        "has_drifted",
         "has_passed",
+        "has_reference_fault",
         "has_stepped",
         "learnt",
         "passages",
@@ -106,6 +108,10 @@ class SeamCheck:
         self._scale_var = self._prior_std**2
         self._difference_var = 4.0 * (SHIFT_STD_RAD / math.pi) ** 2
         self._offsets = (0.0, 0.0)
+        self.has_drifted = False
+        """The resistance is farther off than calibration and tracking can answer for."""
+        self.has_reference_fault = False
+        """What the ends read at the seam is farther off than can be answered for."""
         self.has_passed = False
         """The wheel has turned on, the last time the seam was in the zone; false while it is, or if it turned back."""
         self.has_stepped = False
@@ -139,17 +145,12 @@ class SeamCheck:
         """Resistance over the pull-down's that the paths of ends A and B have gained."""
         return self._offsets
 
-    @property
-    def has_drifted(self) -> bool:
-        """The resistance is farther off than calibration and tracking can answer for."""
+    def _judge(self) -> None:
+        """Once per passage, since every scan asks."""
         limit = LEARNT_SCALE_MAX if self._learns else WATCHED_SCALE
-        return abs(self._scale_error) > max(limit, _SURE * math.sqrt(self._scale_var))
-
-    @property
-    def has_reference_fault(self) -> bool:
-        """What the ends read at the seam is farther off than can be answered for."""
+        self.has_drifted = abs(self._scale_error) > max(limit, _SURE * math.sqrt(self._scale_var))
         limit = LEARNT_OFFSET_MAX if self._learns else WATCHED_OFFSET
-        return max(abs(offset) for offset in self._offsets) > limit
+        self.has_reference_fault = max(abs(offset) for offset in self._offsets) > limit
 
     def seam(self, gained_a: float, gained_b: float, encoder: float) -> None:
         """One scan within the seam: resistance over the pull-down's beyond the calibrated contact's, of each end.
@@ -246,6 +247,7 @@ class SeamCheck:
         self._tell()
 
     def _tell(self) -> None:
+        self._judge()
         if not self._learns:
             return
         common = min(self._offsets)  # leads and contacts only gain resistance, each its own; a low supply is both ends'

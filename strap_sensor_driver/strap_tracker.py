@@ -38,6 +38,8 @@ _PLACE = int(ContactStatus.FAULT_PLACE)
 _UNSTEADY = int(ContactStatus.FAULT_UNSTEADY)
 _STALE_ENCODER = int(ContactStatus.STALE_ENCODER)
 _NO_DATA = int(ContactStatus.NO_DATA)
+_MEASURED = frozenset({_VALID, _UNCONFIRMED})
+_IN_CONTACT = frozenset({_VALID, _UNCONFIRMED, _PREDICTED})
 NEEDS_ROTATION = frozenset(
     int(status)
     for status in (
@@ -57,6 +59,8 @@ _REST_RAD, _REST_SCANS = 0.02, 200
 """A wheel stands while it turns no more than this; so many good scans of it end a fault of `_SHOWS_AT_REST`."""
 _SMOOTHING, _FIRST_SCANS = 0.25, 12
 """Share of a scan in the zone ends that are watched for turning with the wheel; scans that make where they began."""
+_SLOW_SCANS = round(1.0 / _SMOOTHING)
+"""From so many scans on their mean is a running one."""
 _JUMP_STDS, _NOISE_STDS = 4.0, 5.0
 """A zone end moves by no more than so many 1-sigmas from noise."""
 _WITH_WHEEL = 0.5
@@ -177,9 +181,9 @@ class StrapTracker:
         "_moved_front",
         "_moved_rear",
         "_needs_seam",
-        "_noise_lsb",
         "_noise_std",
         "_offsets_lsb",
+        "_passing_variance",
         "_proof_encoder",
         "_repeats",
         "_rounding_variance",
@@ -252,8 +256,9 @@ class StrapTracker:
         known = self.binding.calibration
         self.settings = settings
         self._limits = limits
-        self._noise_lsb = settings.noise_lsb if known is None else known.noise_lsb
-        self._rounding_variance = rounding_variance(self._noise_lsb)
+        noise_lsb = settings.noise_lsb if known is None else known.noise_lsb
+        lasting = self._rounding_variance = rounding_variance(noise_lsb)
+        self._passing_variance = max(noise_lsb**2 + UNIFORM_VARIANCE - lasting, 0.0)
 
     def forget(self) -> None:
         """Zone, doubts, what the seam taught, as at the start; the counts stay."""
@@ -313,17 +318,23 @@ class StrapTracker:
         index = self.index_a
         sum_a, sum_b = scan.sums[index], scan.sums[index + 1]
         self.n_scans += 1
-        self.sum_a_v += sum_a * scan.volts_per_count
-        self.sum_b_v += sum_b * scan.volts_per_count
-        (offset_a, offset_b), (gain_a, gain_b) = self._offsets_lsb, self._gains
-        v_a = (sum_a - scan.osr * offset_a) * scan.supply_per_count * gain_a
-        v_b = (sum_b - scan.osr * offset_b) * scan.supply_per_count * gain_b
+        volts_per_count = scan.volts_per_count
+        self.sum_a_v += sum_a * volts_per_count
+        self.sum_b_v += sum_b * volts_per_count
+        supply_per_count = scan.supply_per_count
+        if self.binding.calibration is None:
+            v_a, v_b = sum_a * supply_per_count, sum_b * supply_per_count
+        else:
+            (offset_a, offset_b), (gain_a, gain_b) = self._offsets_lsb, self._gains
+            v_a = (sum_a - scan.osr * offset_a) * supply_per_count * gain_a
+            v_b = (sum_b - scan.osr * offset_b) * supply_per_count * gain_b
         found, beta_1, beta_2 = locate(v_a, v_b, self._limits, self._check.learnt)
-        if encoder is None or not 0 < scan.middle_ns - self.scan_ns <= BROKEN_WATCH_NS:
+        middle_ns = scan.middle_ns
+        if encoder is None or not 0 < middle_ns - self.scan_ns <= BROKEN_WATCH_NS:
             self._forget_motion(encoder or 0.0)
             self.unprove()
         # Where nobody knows how the wheel stood there is nothing to watch the next scan against.
-        self.scan_ns = _NOBODY_WATCHED_NS if encoder is None else scan.middle_ns
+        self.scan_ns = _NOBODY_WATCHED_NS if encoder is None else middle_ns
         if encoder is None:
             status = _NO_CONTACT if found == _NO_CONTACT else _STALE_ENCODER
         else:
@@ -338,7 +349,8 @@ class StrapTracker:
             self._outside_zone(found, v_a, v_b, encoder)
             return self._confirmed(self._by_seam(status), encoder)
         front, rear = self._in_soil_frame(beta_1, beta_2, encoder)
-        if status == _VALID and max(abs(_wrapped(front)), abs(_wrapped(rear))) > self.settings.theta_max_rad:
+        farthest = self.settings.theta_max_rad
+        if status == _VALID and (abs(_wrapped(front)) > farthest or abs(_wrapped(rear)) > farthest):
             status = _PLACE
         self._check.outside(encoder)
         if status == _VALID:
@@ -346,11 +358,11 @@ class StrapTracker:
             if status == _PREDICTED:  # in doubt: neither good nor bad
                 self.bad_scans = self.good_scans = self.rest_scans = 0
                 return self.fault or _PREDICTED
-            if status in {_VALID, _UNCONFIRMED}:
-                ends = (rear, front) if self.direction > 0.0 else (front, rear)
-                self._check.located(*ends, beta_1, FULL_TURN_RAD - beta_2)
+            if status in _MEASURED:
+                side_a, side_b = (rear, front) if self.direction > 0.0 else (front, rear)
+                self._check.located(side_a, side_b, beta_1, FULL_TURN_RAD - beta_2)
         status = self._confirmed(self._by_seam(status), encoder)
-        if status in {_VALID, _UNCONFIRMED}:
+        if status in _MEASURED:
             self.sum_front += _wrapped(front - self.front)
             self.sum_rear += _wrapped(rear - self.rear)
             self.sum_good_a_v += v_a
@@ -384,7 +396,7 @@ class StrapTracker:
 
     def _by_seam(self, status: int) -> int:
         """What the seam has told goes for every scan in contact, within the seam as well: there it is not over."""
-        if status not in {_VALID, _UNCONFIRMED, _PREDICTED}:
+        if status not in _IN_CONTACT:
             return status
         if self._check.has_reference_fault:
             return _REFERENCE
@@ -392,13 +404,14 @@ class StrapTracker:
 
     def _in_soil_frame(self, beta_1: float, beta_2: float, encoder: float) -> tuple[float, float]:
         """The law of `StrapMounting.contact_angles`, continuous with the zone held, so that +-pi does not matter."""
-        direction = self.direction
-        theta_n = self.offset_rad - direction * encoder
-        if direction > 0.0:
+        if self.direction > 0.0:
+            theta_n = self.offset_rad - encoder
             rear, front = theta_n + beta_1, theta_n + beta_2
         else:
+            theta_n = self.offset_rad + encoder
             rear, front = -(theta_n + beta_2), -(theta_n + beta_1)
-        return self.front + _wrapped(front - self.front), self.rear + _wrapped(rear - self.rear)
+        held_front, held_rear = self.front, self.rear
+        return held_front + _wrapped(front - held_front), held_rear + _wrapped(rear - held_rear)
 
     def _in_soil(self, front: float, rear: float, encoder: float) -> int:
         """VALID or UNCONFIRMED where the zone stays in the soil; PREDICTED in doubt, MIRRORED where that is why."""
@@ -417,7 +430,7 @@ class StrapTracker:
         # The seam has passed, or nothing was to be seen for a moment: a scan far off may be torn, but not three alike.
         if not self._anchors and away > reach and not self._is_repeated(front, rear, reach):
             return _PREDICTED
-        if away > reach + 2.0 * settings.predicted_std_per_rad * abs(encoder - self.zone_encoder):
+        if away > reach and away > reach + 2.0 * settings.predicted_std_per_rad * abs(encoder - self.zone_encoder):
             return self._doubt(front, rear, encoder)
         if not self._anchors:
             if self._saw_seam and self._check.has_passed:
@@ -452,23 +465,25 @@ class StrapTracker:
         self._anchors = (_Zone(front, rear, encoder),)
 
     def _turns_with_wheel(self, front: float, rear: float, encoder: float) -> bool:
-        self._watched_scans += 1
-        share = max(_SMOOTHING, 1.0 / self._watched_scans)
-        self._slow_front += share * (front - self._slow_front)
-        self._slow_rear += share * (rear - self._slow_rear)
-        step = 0.5 * self.settings.slide_rad
+        watched = self._watched_scans = self._watched_scans + 1
+        share = 1.0 / watched if watched < _SLOW_SCANS else _SMOOTHING
+        slow_front, slow_rear = self._slow_front, self._slow_rear
+        slow_front += share * (front - slow_front)
+        slow_rear += share * (rear - slow_rear)
+        self._slow_front, self._slow_rear = slow_front, slow_rear
+        slide = self.settings.slide_rad
+        step = 0.5 * slide
         anchors = self._anchors
-        if self._watched_scans <= _FIRST_SCANS and abs(encoder - anchors[0].encoder) < 0.5 * step:
-            anchors = self._anchors = (_Zone(self._slow_front, self._slow_rear, anchors[0].encoder),)
+        if watched <= _FIRST_SCANS and abs(encoder - anchors[0].encoder) < 0.5 * step:
+            anchors = self._anchors = (_Zone(slow_front, slow_rear, anchors[0].encoder),)
         if abs(encoder - anchors[-1].encoder) >= step:
-            anchors = (*anchors[-2:], _Zone(self._slow_front, self._slow_rear, encoder))
-            self._anchors = anchors
-        oldest = anchors[0]
-        turned = abs(encoder - oldest.encoder)
-        if turned < self.settings.slide_rad:
+            anchors = self._anchors = (*anchors[-2:], _Zone(slow_front, slow_rear, encoder))
+        oldest_front, oldest_rear, oldest_encoder = anchors[0]
+        turned = abs(encoder - oldest_encoder)
+        if turned < slide:
             return False
         reach = _WITH_WHEEL * turned + _NOISE_STDS * _SMOOTHING * self._noise_std
-        return abs(self._slow_front - oldest.front) > reach or abs(self._slow_rear - oldest.rear) > reach
+        return abs(slow_front - oldest_front) > reach or abs(slow_rear - oldest_rear) > reach
 
     def _doubt(self, front: float, rear: float, encoder: float) -> int:
         self.doubts += 1
@@ -621,23 +636,24 @@ class StrapTracker:
         if limits.inverted:
             v_a, v_b = supply_v - v_a, supply_v - v_b
         lasting = self._rounding_variance
-        passing = max(self._noise_lsb**2 + UNIFORM_VARIANCE - lasting, 0.0) / samples
+        passing = self._passing_variance / samples
         variance = share_of_lsb * share_of_lsb * (lasting + passing / n)
         floor = settings.angle_floor_std_rad**2
         level, offset_a, offset_b, scale = self._check.learnt
         variance /= level * level
         scale_std = self._check.scale_std
-        stds = []
-        noise = 0.0
-        for volts, offset, curve in ((v_a, offset_a, limits.curve_a), (v_b, offset_b, limits.curve_b)):
-            ratio = supply_v * level / volts - 1.0
-            arc, slope, table_std = curve.at((ratio - offset) / scale)
-            slope *= (1.0 + ratio) ** 2 / scale
-            drift = scale_std * arc
-            stds.append(math.sqrt(slope * slope * variance + drift * drift + table_std * table_std + floor))
-            noise = max(noise, slope)
-        self._noise_std = noise * share_of_lsb * math.sqrt(lasting + passing)
-        self.rear_std, self.front_std = stds if self.direction > 0.0 else stds[::-1]
+        ratio = supply_v * level / v_a - 1.0
+        arc, slope_a, table_std = limits.curve_a.at((ratio - offset_a) / scale)
+        slope_a *= (1.0 + ratio) ** 2 / scale
+        drift = scale_std * arc
+        std_a = math.sqrt(slope_a * slope_a * variance + drift * drift + table_std * table_std + floor)
+        ratio = supply_v * level / v_b - 1.0
+        arc, slope_b, table_std = limits.curve_b.at((ratio - offset_b) / scale)
+        slope_b *= (1.0 + ratio) ** 2 / scale
+        drift = scale_std * arc
+        std_b = math.sqrt(slope_b * slope_b * variance + drift * drift + table_std * table_std + floor)
+        self._noise_std = max(slope_a, slope_b) * share_of_lsb * math.sqrt(lasting + passing)
+        self.rear_std, self.front_std = (std_a, std_b) if self.direction > 0.0 else (std_b, std_a)
 
     @property
     def good_status(self) -> int:
@@ -651,7 +667,7 @@ class StrapTracker:
         """
         self.last_status = status
         front, rear, front_std, rear_std = self.front, self.rear, self.front_std, self.rear_std
-        if status in {_VALID, _UNCONFIRMED}:
+        if status in _MEASURED:
             self.held_since_ns = None
             return _wrapped(front), _wrapped(rear), front_std, rear_std, status
         if status == _NO_CONTACT:

@@ -69,3 +69,8 @@ def test_the_full_turn_lies_on_the_last_slope():
 def test_a_table_that_is_none_is_refused(ratio, arc, std, says):
     with pytest.raises(ValueError, match=says):
         EndCurve(ratio, arc, std)
+
+
+@given(st.floats(0.0, 1e6), st.sampled_from([CURVE, EndCurve.uniform(1.7), EndCurve.uniform(1.7, 0.05)]))
+def test_the_arc_alone_is_that_of_all_three(ratio, curve):
+    assert curve.arc_at(ratio) == curve.at(ratio)[0]
