@@ -65,6 +65,8 @@ _JUMP_STDS, _NOISE_STDS = 4.0, 5.0
 """A zone end moves by no more than so many 1-sigmas from noise."""
 _WITH_WHEEL = 0.5
 """A zone end that moves by this much of the wheel's rotation turns with the wheel, and not with the soil."""
+_TAUGHT = frozenset({0, _DRIFT, _REFERENCE})
+"""Faults in which the seam goes on teaching: those that it has named itself, and none."""
 _TORN_SCANS = 1
 """Doubt of so many scans before the seam is none: an end came to the supply while its samples were summed."""
 _UNSTEADY_TURNS, _UNSTEADY_SCANS = 3, 400
@@ -278,13 +280,17 @@ class StrapTracker:
         self.scan_ns = _NOBODY_WATCHED_NS
         self.last_status = self.scan_status = _NO_DATA
         self.v_a = self.v_b = 0.0
+        self._needs_seam = False
         self.unprove()
         self.start_tick()
 
     def unprove(self) -> None:
-        """Somebody may have touched the wiring: what comes is measured anew, and has to be confirmed."""
+        """Somebody may have touched the wiring: what comes is measured anew, and has to be confirmed.
+
+        What only the seam can confirm still needs it: an encoder that wraps once per turn must not get round that.
+        """
         self._has_zone = False
-        self._is_proven = self._needs_seam = False
+        self._is_proven = False
         self._proof_encoder = 0.0
         self._candidate: _Zone | None = None
         self._candidate_scans = self._back_scans = self._doubtful_scans = self._doubtful_turns = 0
@@ -358,7 +364,9 @@ class StrapTracker:
             if status == _PREDICTED:  # in doubt: neither good nor bad
                 self.bad_scans = self.good_scans = self.rest_scans = 0
                 return self.fault or _PREDICTED
-            if status in _MEASURED:
+            if self.fault not in _TAUGHT:
+                self._check.lost()  # what a strap with a fault seems to say of its seam is no lesson
+            elif status in _MEASURED:
                 side_a, side_b = (rear, front) if self.direction > 0.0 else (front, rear)
                 self._check.located(side_a, side_b, beta_1, FULL_TURN_RAD - beta_2)
         status = self._confirmed(self._by_seam(status), encoder)
@@ -380,6 +388,9 @@ class StrapTracker:
             if self._candidate is not None and self._doubtful_scans <= _TORN_SCANS:
                 self._candidate = None  # the end that came to the supply was being sampled: no more than that
                 self.doubts -= 1
+            if self.fault not in _TAUGHT:
+                self._check.lost()
+                return
             limits = self._limits
             supply_v = limits.supply_v
             if limits.inverted:
