@@ -246,6 +246,21 @@ def test_in_and_out_of_the_seam_on_the_same_side_confirms_no_zone_that_jumped(di
     assert VALID not in back
 
 
+def test_a_zone_that_jumped_needs_the_seam_though_the_encoder_begins_anew_before_it():
+    wheel = Wheel().proven()
+    wheel.shift(0.2)
+    wheel.turn(0.5)
+    wheel.tracker.nobody_watched()
+    codes = []
+    while not wheel.is_in_seam:
+        codes.append(wheel.step()[4])
+    assert len(codes) > 2.0 * SETTINGS.stuck_rotation_rad / 0.005
+    assert set(codes[:-1]) == {UNCONFIRMED}
+    while wheel.is_in_seam:
+        wheel.step()
+    assert VALID in statuses(wheel.turn(0.05))
+
+
 def test_a_zone_that_jumped_at_rest_is_believed_after_a_second():
     wheel = Wheel().proven()
     wheel.shift(0.2)
