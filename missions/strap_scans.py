@@ -17,7 +17,7 @@ from strap_rover.rover import RoverDescription
 from strap_rover.telemetry import WheelStates
 from strap_rover.topics import STRAP_RAW, WHEEL_STATES
 from strap_sensor_driver.calibration_fit import CalibrationError
-from strap_sensor_driver.device_clock import DeviceClock, scan_duration_us, transfer_time_us
+from strap_sensor_driver.device_clock import DeviceClock, scan_duration_us, strap_delay_us, transfer_time_us
 from strap_sensor_driver.frames import (
     DATA_WIRE_BYTES,
     AcceptedFrame,
@@ -118,7 +118,9 @@ class ScanCollector:
             raise CalibrationError(f"no encoder positions on {WHEEL_STATES.name}: is what publishes them running?")
         stamps = np.array(self._stamps, dtype=np.int64)
         angles = np.array([row[self._wheels.index(wheel)] for row in self._angles])
-        middles = np.array([scan.middle_ns for scan in taken.scans], dtype=np.int64)
+        middles = np.array(
+            [scan.middle_ns + 1000 * strap_delay_us(scan.osr, channel) for scan in taken.scans], dtype=np.int64
+        )
         origin = stamps[0]
         encoder = np.interp(middles - origin, stamps - origin, angles, left=np.nan, right=np.nan)
         after = np.clip(np.searchsorted(stamps, middles), 1, stamps.size - 1)

@@ -22,7 +22,7 @@ from strap_rover.arrays import BoolArray, FloatArray, IntArray
 from strap_rover.rover import RoverDescription, StrapInput
 from strap_rover.settings import SettingsError, check_settings
 from strap_rover.telemetry import Attitude, BodyMotion, Suspension, WheelCommands, WheelStates
-from strap_sensor_driver.device_clock import scan_duration_us, transfer_time_us
+from strap_sensor_driver.device_clock import scan_duration_us, strap_delay_us, transfer_time_us
 from strap_sensor_driver.frames import DATA_WIRE_BYTES
 from strap_sensor_driver.link import ByteLink, MemoryLink
 from strap_sensor_driver.strap import BEST_PULL_DOWN_RATIO, Strap, strap_resistance_ohm
@@ -233,6 +233,13 @@ class World:
         self._strap_inputs = rover.strap_inputs
         self._on_wheel: IntArray = np.array([strap.wheel_index for strap in self._strap_inputs], dtype=np.int64)
         self._offsets = np.array([strap.offset_rad for strap in self._strap_inputs]) - _THREE_QUARTERS
+        self._sampled_s = np.array(
+            [
+                0.0 if self._sinks else 1e-6 * strap_delay_us(self.sensors.osr, strap.channel)
+                for strap in self._strap_inputs
+            ]
+        )
+        """When each strap is sampled, from the middle of the scan; boards with firmware sample by themselves."""
         self._directions = np.array([float(strap.direction) for strap in self._strap_inputs])
         self._theta_before: FloatArray | None = None
         self.straps = self._painted(seed)
@@ -329,7 +336,9 @@ class World:
     def _scan_straps(self) -> None:
         """One frame per board; the plant's present state is the middle of the scan."""
         contact = self.plant.contact[:, self._on_wheel]
-        theta_n = self._offsets - self._directions * self.plant.wheels[p.ANGLE, self._on_wheel]
+        wheels = self.plant.wheels
+        seen = wheels[p.ANGLE, self._on_wheel] + self._sampled_s * wheels[p.OMEGA, self._on_wheel]
+        theta_n = self._offsets - self._directions * seen
         entry = np.mod(self._directions * contact[p.THETA_1] - theta_n, _FULL_TURN)
         leave = np.mod(self._directions * contact[p.THETA_2] - theta_n, _FULL_TURN)
         forward = self._directions > 0.0

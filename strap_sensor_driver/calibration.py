@@ -109,9 +109,9 @@ class RoverCalibration:
         for strap in self.straps:
             now = owner.get((strap.board, strap.channel))
             if now != strap.wheel:
-                has = "nobody's" if now is None else f"{now!r}'s"
+                has = "no wheel" if now is None else f"wheel {now!r}"
                 problems.append(
                     f"calibration {self.id}: wheel {strap.wheel!r} was calibrated on board {strap.board} channel "
-                    f"{strap.channel}, which is now {has}: put the leads back, or calibrate the wheel again"
+                    f"{strap.channel}, which now reads {has}: put the leads back, or calibrate the wheel again"
                 )
         return problems

@@ -46,6 +46,14 @@ def scan_duration_us(osr: int, channels: int = 6) -> int:
     return channels * (1 + osr) * CONVERSION_US
 
 
+def strap_delay_us(osr: int, channel: int) -> int:
+    """From the middle of a scan to the middle of what it takes of strap `channel` 0, 1 or 2 [us]: a third of a scan.
+
+    A board converts A0 B0 A1 B1 A2 B2 one after the other: at 2 rad/s that third is 0.13 deg.
+    """
+    return (channel - 1) * scan_duration_us(osr) // 3
+
+
 def transfer_time_us(baud: int, wire_bytes: int) -> int:
     """Time on the wire [us] at 10 bits per byte (8N1), rounded up."""
     return -(-10_000_000 * wire_bytes // baud)

@@ -197,6 +197,7 @@ class SeamCheck:
         scans = self._seam_scans
         self.has_passed = turned > _LEAST_PASSAGE_RAD
         is_steady = all(high - low < _STEADY for high, low in zip(self._highest, self._lowest, strict=True))
+        self.has_stepped = self.has_passed and not is_steady  # it did while the seam passed: which reading is right?
         if scans >= _SEEN_SCANS and self.has_passed and is_steady:
             changes = [total / scans - past for total, past in zip(self._seam_sums, self._offsets, strict=True)]
             # A step is believed at once: a lead does not come and go by halves.

@@ -14,7 +14,13 @@ import numpy as np
 
 from strap_rover.telemetry import WheelStates
 from strap_sensor_driver.contact_zone import FIRST_FAULT, ContactAngles, ContactStatus, StrapVoltages
-from strap_sensor_driver.device_clock import HOST_BACK_NS, DeviceClock, scan_duration_us, transfer_time_us
+from strap_sensor_driver.device_clock import (
+    HOST_BACK_NS,
+    DeviceClock,
+    scan_duration_us,
+    strap_delay_us,
+    transfer_time_us,
+)
 from strap_sensor_driver.encoder_track import EncoderTrack
 from strap_sensor_driver.frames import (
     DATA_WIRE_BYTES,
@@ -183,7 +189,7 @@ class _Wheel:
 
 
 _Answer = tuple[float, float, float, float, int]
-_RANK = {_VALID: 0, _UNCONFIRMED: 1, _NO_CONTACT: 2, _PREDICTED: 3}
+_RANK = {_VALID: 0, _UNCONFIRMED: 1, _PREDICTED: 2, _NO_CONTACT: 3}
 """Of two straps the one whose status ranks lower is believed; any fault ranks last."""
 
 
@@ -434,7 +440,7 @@ class StrapReader:
             for scan in board.scans:
                 position = None if scan.is_in_doubt else self._encoder.at(scan.middle_ns)
                 for strap in board.straps:
-                    strap.take(scan, None if position is None else position[strap.binding.wheel])
+                    strap.take(scan, None if position is None else self._position_of(strap, position, scan.osr))
                 sum_ns += scan.middle_ns - now_ns
             n_scans += len(board.scans)
         silent = [self._silence(board, now_ns) for board in self._boards]
@@ -495,6 +501,14 @@ class StrapReader:
             return 0
         since_ns = self._start_ns if board.last_frame_ns is None else board.last_frame_ns
         return _NO_DATA if since_ns is not None and now_ns - since_ns > 1e9 * self._settings.silent_s else 0
+
+    def _position_of(self, strap: StrapTracker, position: Sequence[float], osr: int) -> float:
+        """Where a strap's wheel stood when the strap was sampled [rad], from where all stood at the scan's middle."""
+        wheel, channel = strap.binding.wheel, strap.binding.channel
+        latest = self._encoder.latest()
+        if channel == 1 or latest is None:
+            return position[wheel]
+        return position[wheel] + 1e-6 * strap_delay_us(osr, channel) * latest[1][wheel]
 
     def _angles(self, stamp_ns: int, silent: dict[int, int]) -> ContactAngles:
         latest = self._encoder.latest()

@@ -383,8 +383,8 @@ class StrapTracker:
         """The scan tells of no zone: nothing to watch in the soil, until one comes."""
         self._anchors = ()
         self._repeats = 0
-        self._saw_seam = found == _PREDICTED
         if found == _PREDICTED:
+            self._saw_seam = True
             if self._candidate is not None and self._doubtful_scans <= _TORN_SCANS:
                 self._candidate = None  # the end that came to the supply was being sampled: no more than that
                 self.doubts -= 1
@@ -402,6 +402,7 @@ class StrapTracker:
         if found == _NO_CONTACT or self.bad_scans + 1 >= self.settings.fault_scans:  # one bad scan may be torn
             self._check.lost()
         if found == _NO_CONTACT:  # it comes down wherever
+            self._saw_seam = False
             self._has_zone = False
             self._candidate = None
 
@@ -444,8 +445,10 @@ class StrapTracker:
         if away > reach and away > reach + 2.0 * settings.predicted_std_per_rad * abs(encoder - self.zone_encoder):
             return self._doubt(front, rear, encoder)
         if not self._anchors:
-            if self._saw_seam and self._check.has_passed:
-                self._is_proven = not self._check.has_stepped and (self._is_proven or self._needs_seam)
+            if away > reach:
+                self._is_proven, self._needs_seam = False, True
+            elif self._saw_seam and self._check.has_passed:  # no mirrored strap comes out of it where it went in
+                self._is_proven = not self._check.has_stepped
                 self._needs_seam = not self._is_proven
             self._settle(front, rear, encoder)
         elif self._turns_with_wheel(front, rear, encoder):

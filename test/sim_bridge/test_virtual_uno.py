@@ -32,7 +32,8 @@ def _sums(stream):
 
 def test_counts_without_noise_are_the_rounded_volts():
     v_a, v_b = STRAP.terminal_voltages(ARCS[0], ARCS[1])
-    expected = [min(round(float(volts) / 5.0 * 1024), 1023) * 4 for pair in zip(v_a, v_b, strict=True) for volts in pair]
+    volts = [float(seen) for pair in zip(v_a, v_b, strict=True) for seen in pair]
+    expected = [4 * min(round(seen / 5.0 * 1024), 1023) for seen in volts]
     assert _sums(_board().scan(0, *ARCS)).tolist() == [expected]
 
 

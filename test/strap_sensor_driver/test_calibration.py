@@ -63,6 +63,6 @@ def test_mismatches_say_what_to_do():
     assert other == "calibration 0123456789ab is of rover 'curiosity', not 'spirit': give that rover's, or calibrate"
     swapped = ROVER.mismatches("curiosity", [("fl", 1, 1), ("ml", 1, 0)])
     assert len(swapped) == 2
-    assert "wheel 'fl' was calibrated on board 1 channel 0, which is now 'ml''s" in swapped[0]
+    assert "wheel 'fl' was calibrated on board 1 channel 0, which now reads wheel 'ml'" in swapped[0]
     (gone,) = ROVER.mismatches("curiosity", [("fl", 1, 0)])
-    assert "board 1 channel 1, which is now nobody's: put the leads back" in gone
+    assert "board 1 channel 1, which now reads no wheel: put the leads back" in gone

@@ -9,6 +9,7 @@ import pytest
 from sim_bridge.virtual_uno import VirtualUno
 from strap_rover.telemetry import WheelStates
 from strap_sensor_driver.contact_zone import ContactStatus, remedy
+from strap_sensor_driver.device_clock import strap_delay_us
 from strap_sensor_driver.encoder_track import EncoderTrack
 from strap_sensor_driver.frames import (
     DataFrame,
@@ -70,10 +71,14 @@ class Rig:
                 if index in self.mute:
                     continue
                 middle_s = 1e-9 * (scan_ns - start_ns) + 1e-6 * board.middle_us()
-                encoder = self.position + self.speed * middle_s
                 arcs = [
-                    [float(beta) for beta in mounting.strap_angles(*self.zone, encoder)]
-                    for mounting in self.mountings[3 * index : 3 * index + 3]
+                    [
+                        float(beta)
+                        for beta in mounting.strap_angles(
+                            *self.zone, self.position + self.speed * (middle_s + 1e-6 * strap_delay_us(4, channel))
+                        )
+                    ]
+                    for channel, mounting in enumerate(self.mountings[3 * index : 3 * index + 3])
                 ]
                 device_us = scan_ns // 1000 - self.boot_us[index]
                 data = board.scan(device_us, [a[0] for a in arcs], [a[1] for a in arcs], [self.contact] * 3)
