@@ -545,7 +545,7 @@ class StrapTracker:
         if self._back_scans >= settings.recovery_scans or is_new:
             self._candidate = None
             self._is_mirrored = False
-            self._is_proven, self._needs_seam = False, is_new
+            self._is_proven, self._needs_seam = False, self._needs_seam or is_new
             self._proof_encoder = encoder
             if is_new:
                 self.front, self.rear = _wrapped(front), _wrapped(rear)

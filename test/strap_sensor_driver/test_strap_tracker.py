@@ -261,6 +261,48 @@ def test_a_zone_that_jumped_needs_the_seam_though_the_encoder_begins_anew_before
     assert VALID in statuses(wheel.turn(0.05))
 
 
+def test_a_spark_after_a_jump_does_not_stand_in_for_the_seam():
+    wheel = Wheel().proven()
+    wheel.shift(0.2)
+    wheel.turn(0.5)
+    wheel.spoil = lambda v_a, v_b: (v_a, 0.9 * v_b)
+    wheel.step()
+    wheel.spoil = lambda v_a, v_b: (v_a, v_b)
+    assert VALID not in statuses(wheel.turn(1.5 * SETTINGS.stuck_rotation_rad))
+
+
+@pytest.mark.parametrize("before_seam", [-0.3, 0.3], ids=["in the seam", "before it"])
+def test_a_supply_that_falls_about_the_seam_is_valid_for_nobody_until_the_seam_says_so(before_seam):
+    """In the midst of the seam its reading is two readings; what comes out of it lies elsewhere."""
+    wheel = Wheel(settings=replace(SETTINGS, resistance_std_ratio=0.01)).proven()
+    while not wheel.is_in_seam:
+        wheel.step()
+    if before_seam > 0.0:
+        while wheel.is_in_seam:
+            wheel.step()
+        wheel.turn(FULL_TURN_RAD - 0.95 - before_seam)
+    else:
+        wheel.turn(-before_seam)
+    wheel.spoil = lambda v_a, v_b: (0.95 * v_a, 0.95 * v_b)
+    records = wheel.turn(4.0 * math.pi)
+    assert wrong(records, wheel.zone) == []
+    assert VALID in statuses(wheel.turn(0.5 * math.pi))
+
+
+def test_a_scan_torn_as_the_seam_ends_does_not_hide_that_it_was_passed():
+    wheel = Wheel().proven()
+    while not wheel.is_in_seam:
+        wheel.step()
+    wheel.spoil = lambda v_a, v_b: (0.95 * v_a, 0.95 * v_b)  # within the seam, and for good
+    wheel.turn(0.3)
+    while wheel.is_in_seam:
+        wheel.step()
+    wheel.spoil = lambda v_a, v_b: (0.3 * v_a, 0.95 * v_b)
+    wheel.step()
+    wheel.spoil = lambda v_a, v_b: (0.95 * v_a, 0.95 * v_b)
+    assert VALID not in statuses(wheel.turn(1.5))
+
+
 def test_a_zone_that_jumped_at_rest_is_believed_after_a_second():
     wheel = Wheel().proven()
     wheel.shift(0.2)
