@@ -19,6 +19,7 @@ OPEN = ("open lead A", StrapFault.OPEN_A, 1.0)
 ROW = FaultRow(
     name="a fault", frames=100, episodes=2, named=2, frames_to_name_median=4.0, frames_to_name_max=6.0,
     statuses={"FAULT_OPEN_A": 40, "VALID": 10}, valid=10, wrong=0, wrong_after=0, worst_valid_deg=1.25,
+    is_followed=False,
 )  # fmt: skip
 
 
@@ -115,6 +116,13 @@ def test_a_sound_study_is_true_and_on_disk(tmp_path, monkeypatch):
 def test_one_wrong_angle_in_one_fault_makes_the_study_false(tmp_path, monkeypatch, spoilt):
     rows_of(monkeypatch, [*[ROW] * (len(CASES) - 1), replace(ROW, **spoilt)])
     assert not run_study(tmp_path, console())
+
+
+def test_an_episode_without_a_name_makes_the_study_false_unless_the_seam_corrects_it(tmp_path, monkeypatch):
+    unnamed = replace(ROW, named=1)
+    for row, holds in ((unnamed, False), (replace(unnamed, is_followed=True), True)):
+        rows_of(monkeypatch, [row, *[ROW] * (len(CASES) - 1)])
+        assert run_study(tmp_path, console(), frames=100) is holds
 
 
 def test_a_stopped_study_keeps_what_is_done_and_is_not_true(tmp_path, monkeypatch):
