@@ -6,6 +6,7 @@
 import argparse
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -50,6 +51,8 @@ def run_node(factory: Callable[[], Any], args: Sequence[str] | None = None) -> i
         sys.stderr.write(f"{problem}\n")
         return EXIT_BAD_SETTINGS
     node = None
+    # A signal in the midst of making a node takes the context away under it, of which rclpy warns.
+    warnings.filterwarnings("ignore", message="Failed to fini", category=RuntimeWarning)
     try:
         executor = _executor(remove_ros_args(argv)[1:])  # first: it cannot be made after a signal
         try:
