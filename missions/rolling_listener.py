@@ -2,13 +2,10 @@
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -16,13 +13,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from std_msgs.msg import UInt8MultiArray
 
+from missions.listening import listening
 from missions.strap_scans import ScanCollector
 from strap_rover.ros_shell.named_values import MessageError
-from strap_rover.ros_shell.process import HIGHEST_DOMAIN
 from strap_rover.ros_shell.qos import message_class, qos_profile
 from strap_rover.ros_shell.telemetry_messages import JointTelemetry
 from strap_rover.rover import RoverDescription
-from strap_rover.settings import SettingsError
 from strap_rover.topics import STRAP_RAW, WHEEL_STATES, Topic
 from strap_sensor_driver.calibration_fit import CalibrationError
 from strap_sensor_driver.messages import raw_frame
@@ -56,7 +52,7 @@ def listen_to_turns(
     )
     heard: dict[str, int] = {STRAP_RAW.name: 0, WHEEL_STATES.name: 0}
     begin_s = time.monotonic()
-    with _listening() as node, _progress(console) as progress:
+    with listening(_node, Node.destroy_node) as node, _progress(console) as progress:
         raw, states = _listen(node, STRAP_RAW), _listen(node, WHEEL_STATES)
         tasks = [progress.add_task(wheel, total=wanted / FULL_TURN_RAD) for wheel in wheels]
         while not stopped() and np.min(collector.turned_rad()[columns]) < wanted:
@@ -111,26 +107,11 @@ def _progress(console: Console) -> Progress:
     )
 
 
-@contextmanager
-def _listening() -> Iterator[Node]:
-    context = Context()
-    try:
-        rclpy.init(args=[], context=context)
-        domain = context.get_domain_id()
-        if domain > HIGHEST_DOMAIN:  # the middleware would end the process
-            raise SettingsError([f"ROS_DOMAIN_ID is {domain}: give a whole number from 0 to {HIGHEST_DOMAIN}"])
-        node = Node(
-            f"calibrate_{os.getpid()}",
-            context=context,
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
-    except RCLError as error:
-        context.try_shutdown()
-        raise SettingsError([f"ROS does not start: {error}; is ROS_DOMAIN_ID right?"]) from error
-    try:
-        yield node
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
+def _node(context: Context) -> Node:
+    return Node(
+        f"calibrate_{os.getpid()}",
+        context=context,
+        use_global_arguments=False,
+        enable_rosout=False,
+        start_parameter_services=False,
+    )

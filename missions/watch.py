@@ -14,10 +14,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, NamedTuple
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -28,15 +26,14 @@ from rich.live import Live
 from sensor_msgs.msg import JointState
 
 from missions.dashboard import Dashboard, plain_line
+from missions.listening import listening, printable
 from missions.snapshot import LEVELS, Heard, NodeHealth, PartHealth, Snapshot
 from soil_flow_estimator.messages import SoilMessages
 from strap_rover import topics
 from strap_rover.ros_shell.cdr import AFTER_STAMP, LITTLE_ENDIAN
 from strap_rover.ros_shell.named_values import MessageError
-from strap_rover.ros_shell.process import HIGHEST_DOMAIN
 from strap_rover.ros_shell.qos import message_class, qos_profile
 from strap_rover.ros_shell.telemetry_messages import JointTelemetry, body_motion, speed_request
-from strap_rover.settings import SettingsError
 from strap_rover.topics import Topic
 from strap_sensor_driver.messages import StrapMessages
 from traction_controller.messages import TractionMessages
@@ -228,9 +225,9 @@ class GraphListener:
     def _note_health(self, data: bytes, arrived_ns: int) -> None:
         parts: dict[str, list[PartHealth]] = {}
         for status in deserialize_message(data, DiagnosticArray).status:
-            node, _, part = _printable(status.name).partition(": ")
+            node, _, part = printable(status.name).partition(": ")
             level = LEVELS[min(status.level[0], len(LEVELS) - 1)]
-            parts.setdefault(node or "?", []).append(PartHealth(part or "node", level, _printable(status.message)))
+            parts.setdefault(node or "?", []).append(PartHealth(part or "node", level, printable(status.message)))
         for node, of_node in parts.items():
             before = self._reports.get(node)
             if before is None or not before[0].is_repeated_by(data):
@@ -238,7 +235,7 @@ class GraphListener:
 
     @staticmethod
     def _problems(tap: _Tap) -> list[str]:
-        found = [_printable(tap.problem)] if tap.problem else []
+        found = [printable(tap.problem)] if tap.problem else []
         publishers = tap.subscription.get_publisher_count()
         if publishers > 1:
             name = tap.source.row.name
@@ -253,37 +250,12 @@ def _refuse(_data: bytes) -> None:
     raise RuntimeError("an executor spins the listener's node, which takes its messages away; call snapshot() instead")
 
 
-def _printable(text: str) -> str:
-    """Text from anywhere on one line, without what would steer the terminal."""
-    return "".join(letter if letter.isprintable() else " " for letter in text).strip()
-
-
-@contextmanager
-def _listening() -> Iterator[GraphListener]:
-    """A listener in the domain of the environment; signals stay with the caller."""
-    context = Context()
-    try:
-        rclpy.init(args=[], context=context)
-        domain = context.get_domain_id()
-        if domain > HIGHEST_DOMAIN:  # the middleware would end the process
-            raise SettingsError([f"ROS_DOMAIN_ID is {domain}: give a whole number from 0 to {HIGHEST_DOMAIN}"])
-        listener = GraphListener(context)
-    except RCLError as error:
-        context.try_shutdown()
-        raise SettingsError([f"ROS does not start: {_printable(str(error))}; is ROS_DOMAIN_ID right?"]) from error
-    try:
-        yield listener
-    finally:
-        listener.close()
-        context.try_shutdown()
-
-
 def watch(console: Console, stopped: Callable[[], bool]) -> None:
     """Show the graph until `stopped()`: a picture on a terminal, else a line per second.
 
     Raises SettingsError when the environment's ROS_DOMAIN_ID is none.
     """
-    with _listening() as listener:
+    with listening(GraphListener, GraphListener.close) as listener:
         if console.is_terminal and not console.is_dumb_terminal:
             with Live(console=console, screen=True, auto_refresh=False) as live, _in_peace():
                 while not stopped():
@@ -299,7 +271,7 @@ def watch_once(console: Console, stopped: Callable[[], bool], wait_s: float) -> 
 
     Raises NothingHeardError when there was nothing, SettingsError when the environment's ROS_DOMAIN_ID is none.
     """
-    with _listening() as listener:
+    with listening(GraphListener, GraphListener.close) as listener:
         begin_s = grown_s = time.monotonic()
         known = 0
         while True:
