@@ -4,13 +4,11 @@ import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from rich.markup import escape
-from rich.table import Table
-
 from missions.case_studies.fault_schedule import EVERY_BOARD, SILENCING
 from missions.case_studies.fault_soak import SoakReport
 from missions.case_studies.kill_trials import RECORDER, KillTrial
 from missions.case_studies.line_trials import LineTrial
+from missions.case_studies.plain_table import PlainTable
 from sim_bridge.line_faults import LineFault
 
 STOP_LIMIT_MS = 150.0
@@ -20,39 +18,7 @@ RESTART_LIMIT_MS = 3000.0
 MOST_FRAMES = 0.5
 """A fault that lets more than this share of the frames through must not stop the rover."""
 _NOTHING = "-"
-_SHORT_NAME = 24
-"""A name of so many letters stays on one line."""
 _SILENCING = frozenset(fault.value for fault in SILENCING)
-
-
-@dataclass(frozen=True, slots=True)
-class PlainTable:
-    """A table, not yet drawn; the first column holds names, the others numbers."""
-
-    title: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-    def drawn(self) -> Table:
-        """For the terminal."""
-        table = Table(title=self.title)
-        are_short = all(len(row[0]) <= _SHORT_NAME for row in self.rows)
-        for index, heading in enumerate(self.headings):
-            table.add_column(
-                heading,
-                justify="right" if index else "left",
-                no_wrap=not index and are_short,
-                min_width=max(map(len, heading.split())),
-            )
-        for row in self.rows:
-            table.add_row(*(escape(cell) for cell in row))
-        return table
-
-    def as_markdown(self) -> str:
-        """For a document."""
-        rule = ("---", *("---:" for _ in self.headings[1:]))
-        lines = [f"| {' | '.join(row)} |" for row in (self.headings, rule, *self.rows)]
-        return "\n".join([f"## {self.title}", "", *lines, ""])
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,6 @@ from missions.case_studies.driven_graph import DrivenGraph, NotDrivingError, Stu
 from missions.case_studies.fault_schedule import EVERY_BOARD, FaultSpell, single_faults, soak_spells
 from missions.case_studies.fault_soak import SoakReport, run_soak
 from missions.case_studies.fault_table import (
-    PlainTable,
     claims,
     claims_table,
     kill_table,

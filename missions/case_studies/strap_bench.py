@@ -19,7 +19,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from missions.case_studies.fault_table import PlainTable
+from missions.case_studies.plain_table import PlainTable
 from missions.case_studies.strap_rig import Ground, Mounted, Record, StrapRig
 from missions.stop_request import never
 from sim_bridge.painted_strap import FULL_COUNT, PaintedStrap, StrapFlaws, paint
