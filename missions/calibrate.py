@@ -19,6 +19,7 @@ from rich.table import Table
 
 from missions.bench_board import BenchBoard, Reading, StoppedError
 from missions.calibration_picture import CalibratedStrap, draw_calibration, worst_std_deg
+from missions.plan import SETTINGS_KEY
 from missions.question import Questions
 from strap_rover.arrays import FloatArray
 from strap_rover.flight_recorder.bag_reader import read_bag_summary
@@ -28,6 +29,7 @@ from strap_sensor_driver.calibration import EndCalibration, RoverCalibration, St
 from strap_sensor_driver.calibration_file import merge_calibration, read_calibration
 from strap_sensor_driver.calibration_fit import CalibrationError, InputFit, StrapFit, bench_fit, fit_inputs, rolling_fit
 from strap_sensor_driver.mounting import wrap
+from strap_sensor_driver.parameters import StrapDriverParameters
 from strap_sensor_driver.reader_settings import StrapReaderSettings
 
 _NODE = "strap_sensor_driver"
@@ -106,15 +108,12 @@ def _age(created: str, now: datetime) -> str:
 def _driver_settings(params_file: Path | None) -> StrapReaderSettings:
     if params_file is None:
         return StrapReaderSettings()
-    # Only what the reader knows: the file is the node's, which has parameters besides.
-    from strap_sensor_driver.parameters import StrapDriverParameters  # noqa: PLC0415
-
     return load_settings(StrapDriverParameters, params_file, _NODE)
 
 
 def _settings_of_bag(bag: Path) -> StrapReaderSettings:
     """As the bag says its driver was told; the defaults where it says nothing."""
-    text = read_bag_summary(bag).custom_data.get("settings", "{}")
+    text = read_bag_summary(bag).custom_data.get(SETTINGS_KEY, "{}")
     try:
         told = json.loads(text).get(_NODE, {})
     except (ValueError, AttributeError):
@@ -157,7 +156,7 @@ def _keep(
     picture: Path,
 ) -> None:
     """Write file and picture, say what is in them."""
-    inputs = [(rover.wheels[one.wheel_index].name, one.board, one.channel) for one in rover.strap_inputs]
+    inputs = [(one.wheel, one.board, one.channel) for one in rover.strap_inputs]
     written = merge_calibration(out, rover.name, tuple(strap.record for strap in straps), inputs)
     draw_calibration(straps, settings.total_resistance_ohm, f"{rover.name}, calibration {written.id}", picture)
     new = {(strap.record.board, strap.record.channel) for strap in straps}
@@ -213,7 +212,7 @@ def _strap_of(rover: RoverDescription, wheel: str, *, is_second: bool) -> StrapI
             [f"--wheel {wheel}: {rover.name} has no such wheel; give one of {', '.join(rover.wheel_names)}"]
         )
     for strap in rover.strap_inputs:
-        if rover.wheels[strap.wheel_index].name == wheel and strap.is_second == is_second:
+        if strap.wheel == wheel and strap.is_second == is_second:
             return strap
     raise SettingsError([f"--second: wheel {wheel} of {rover.name} has one strap; leave it out, or add second_board"])
 
@@ -371,9 +370,7 @@ def _rolling(
     from missions.strap_scans import scans_of_bag  # noqa: PLC0415
 
     wheels = tuple(options.wheel or rover.wheel_names)
-    straps = [
-        strap for strap in rover.strap_inputs if rover.wheels[strap.wheel_index].name in wheels
-    ]  # `_strap_of` tells what is wrong with a name
+    straps = [strap for strap in rover.strap_inputs if strap.wheel in wheels]  # `_strap_of` tells of a wrong name
     for wheel in wheels:
         _strap_of(rover, wheel, is_second=False)
     if not 3 <= options.turns <= 1000:
@@ -393,7 +390,7 @@ def _rolling(
     for heading in ("strap", "turns", "left out", "zone\ndeg", "offset if symmetric\ndeg", "in the rover's file\ndeg"):
         report.add_column(heading, justify="left" if heading == "strap" else "right")
     for strap in straps:
-        wheel = rover.wheels[strap.wheel_index].name
+        wheel = strap.wheel
         name = f"{wheel}{' (second)' if strap.is_second else ''}"
         try:
             taken = scans.scans(wheel, strap.board, strap.channel)

@@ -22,7 +22,7 @@ from rclpy.context import Context
 
 import strap_rover
 from missions.operator_node import Operator
-from missions.plan import CYCLE_NS, ESTIMATOR_NS, HEALTH_NS, REQUEST_NS, RunPlan
+from missions.plan import CYCLE_NS, ESTIMATOR_NS, HEALTH_NS, REQUEST_NS, SETTINGS_KEY, RunPlan
 from missions.stop_request import never
 from sim_bridge.node import SimBridge
 from sim_bridge.world import board_links
@@ -36,8 +36,6 @@ BARRIER_TIMEOUT_S = 10.0
 """Wall time after which a message counts as lost; delivery within a process takes microseconds."""
 _DOMAIN = 0
 """Nothing leaves the process, so the domain of the environment, right or wrong, does not matter."""
-SETTINGS_KEY = "settings"
-"""Key in the bag's custom_data under which the settings of every node stand, as JSON."""
 
 
 class LockstepError(RuntimeError):

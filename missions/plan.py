@@ -36,6 +36,8 @@ HEALTH_NS = NS
 FIRMWARE_FOLDER = Path(__file__).parents[1] / "build" / "firmware"
 """Where `make firmware` puts what it builds: a source tree's, no installed package has it."""
 FIRMWARE_RATES_HZ = (100.0, 200.0, 400.0)
+SETTINGS_KEY = "settings"
+"""Key in the bag's custom_data under which the settings of every node stand, as JSON."""
 CONTROLLERS = ("soil_flow", "constant", "slip_limit", "angle_threshold")
 
 

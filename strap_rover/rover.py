@@ -68,6 +68,8 @@ class StrapInput:
     """Where one strap is read, and how it sits on its wheel."""
 
     wheel_index: int
+    wheel: str
+    """Joint name."""
     board: int
     channel: int
     offset_rad: float
@@ -108,12 +110,13 @@ class RoverDescription:
     def strap_inputs(self) -> tuple[StrapInput, ...]:
         """Every strap: the first of each wheel in the order of the wheels, then the second ones in that order."""
         first = [
-            StrapInput(index, wheel.board, wheel.channel, wheel.strap_offset_rad, wheel.strap_direction)
+            StrapInput(index, wheel.name, wheel.board, wheel.channel, wheel.strap_offset_rad, wheel.strap_direction)
             for index, wheel in enumerate(self.wheels)
         ]
         second = [
             StrapInput(
                 index,
+                wheel.name,
                 wheel.second_board,
                 wheel.second_channel,
                 wheel.strap_offset_rad + wheel.second_strap_shift_rad,

@@ -47,8 +47,7 @@ def load_calibration(rover: RoverDescription, settings: StrapDriverParameters) -
     if not settings.calibration:
         return None
     calibration = read_calibration(settings.calibration)
-    inputs = [(rover.wheels[one.wheel_index].name, one.board, one.channel) for one in rover.strap_inputs]
-    problems = calibration.mismatches(rover.name, inputs)
+    problems = calibration.mismatches(rover.name, [(one.wheel, one.board, one.channel) for one in rover.strap_inputs])
     if problems:
         raise SettingsError([f"{settings.calibration}: {problem}" for problem in problems])
     return calibration
@@ -66,7 +65,7 @@ def bind_straps(
             one.channel,
             strap,
             StrapMounting(one.offset_rad, one.direction),
-            None if calibration is None else calibration.of(rover.wheels[one.wheel_index].name, one.board, one.channel),
+            None if calibration is None else calibration.of(one.wheel, one.board, one.channel),
         )
         for one in rover.strap_inputs
     ]

@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader
 
 import strap_rover
 from missions.bag_records import absolute, named_rows
-from missions.lockstep import SETTINGS_KEY
+from missions.plan import SETTINGS_KEY
 from missions.run_log import run_log_from_bag
 from strap_rover.flight_recorder.bag_format import BagError
 from strap_rover.flight_recorder.bag_reader import iterate_messages, read_bag_summary
