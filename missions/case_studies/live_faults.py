@@ -35,6 +35,7 @@ from missions.case_studies.fault_table import (
 from missions.case_studies.kill_trials import KillTrial, run_kill_trial
 from missions.case_studies.line_trials import LineTrial, run_line_trial
 from missions.case_studies.live_series import angle_errors_rad
+from missions.case_studies.plain_table import PlainTable
 from missions.demo import run_progress
 from missions.live_demo import LiveRunError
 from missions.live_graph import NODES, NodeDiedError
