@@ -25,7 +25,7 @@ from strap_rover.arrays import FloatArray
 from strap_rover.flight_recorder.bag_reader import read_bag_summary
 from strap_rover.rover import RoverDescription, StrapInput, load_rover
 from strap_rover.settings import SettingsError, load_settings, settings_from_mapping
-from strap_sensor_driver.calibration import EndCalibration, RoverCalibration, StrapCalibration
+from strap_sensor_driver.calibration import RoverCalibration, StrapCalibration
 from strap_sensor_driver.calibration_file import merge_calibration, read_calibration
 from strap_sensor_driver.calibration_fit import CalibrationError, InputFit, StrapFit, bench_fit, fit_inputs, rolling_fit
 from strap_sensor_driver.mounting import wrap
@@ -131,11 +131,7 @@ def _inputs_before(
     found = before.of(wheel, strap.board, strap.channel) if before is not None else None
     if found is None:
         return InputFit(settings.pull_down_a_ohm), InputFit(settings.pull_down_b_ohm)
-    return _input_of(found.end_a), _input_of(found.end_b)
-
-
-def _input_of(end: EndCalibration) -> InputFit:
-    return InputFit(end.pull_down_ohm, end.offset_lsb, end.gain)
+    return InputFit.of(found.end_a), InputFit.of(found.end_b)
 
 
 def _seen(counts: FloatArray, full_count: float, settings: StrapReaderSettings) -> FloatArray:

@@ -46,6 +46,11 @@ class InputFit:
     gain_std: float = 0.0
     residual_rms_lsb: float = 0.0
 
+    @classmethod
+    def of(cls, end: EndCalibration) -> "InputFit":
+        """As a calibration has it."""
+        return cls(end.pull_down_ohm, end.offset_lsb, end.gain)
+
     def ratio(self, counts: FloatArray, full_count: float) -> FloatArray:
         """Resistance of the path over the pull-down's from mean counts of a sample; infinite without contact."""
         share = (np.asarray(counts, dtype=np.float64) - self.offset_lsb) / (self.gain * full_count)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strap_rover.arrays import FloatArray, IntArray
-from strap_sensor_driver.end_curve import EndCurve
+from strap_sensor_driver.end_curve import EndCurve, uniform_curves
 from strap_sensor_driver.strap import FULL_TURN_RAD, Strap
 
 
@@ -178,10 +178,7 @@ class ZoneLimits:
         level would reach into the volts of a good contact.
         """
         supply_v = strap.supply_v
-        curve_a, curve_b = curves or (
-            EndCurve.uniform(strap.total_resistance_ohm / strap.pull_down_a_ohm),
-            EndCurve.uniform(strap.total_resistance_ohm / strap.pull_down_b_ohm),
-        )
+        curve_a, curve_b = curves or uniform_curves(strap)
         lowest_a_v, lowest_b_v = (
             supply_v / (1.0 + curve.full_turn_ratio) * (1.0 - range_margin) for curve in (curve_a, curve_b)
         )

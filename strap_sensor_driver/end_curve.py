@@ -10,7 +10,7 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import pairwise
 
-from strap_sensor_driver.strap import FULL_TURN_RAD
+from strap_sensor_driver.strap import FULL_TURN_RAD, Strap
 
 _UNIFORM_PARTS = 12
 
@@ -91,3 +91,12 @@ class EndCurve:
         """Ratio with the contact a full turn away: the largest an intact strap in contact gives."""
         slope = (self.arc_rad[-1] - self.arc_rad[-2]) / (self.ratio[-1] - self.ratio[-2])
         return self.ratio[-1] + (FULL_TURN_RAD - self.arc_rad[-1]) / slope
+
+
+def uniform_curves(strap: Strap, uneven_std: float = 0.0) -> tuple[EndCurve, EndCurve]:
+    """Of ends A and B of `strap` taken as uniform; `uneven_std` as in `EndCurve.uniform`."""
+    curve_a, curve_b = (
+        EndCurve.uniform(strap.total_resistance_ohm / ohm, uneven_std)
+        for ohm in (strap.pull_down_a_ohm, strap.pull_down_b_ohm)
+    )
+    return curve_a, curve_b

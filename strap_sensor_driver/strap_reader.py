@@ -504,11 +504,9 @@ class StrapReader:
 
     def _position_of(self, strap: StrapTracker, position: Sequence[float], osr: int) -> float:
         """Where a strap's wheel stood when the strap was sampled [rad], from where all stood at the scan's middle."""
-        wheel, channel = strap.binding.wheel, strap.binding.channel
-        latest = self._encoder.latest()
-        if channel == 1 or latest is None:
-            return position[wheel]
-        return position[wheel] + 1e-6 * strap_delay_us(osr, channel) * latest[1][wheel]
+        wheel, delay_us = strap.binding.wheel, strap_delay_us(osr, strap.binding.channel)
+        latest = self._encoder.latest() if delay_us else None
+        return position[wheel] if latest is None else position[wheel] + 1e-6 * delay_us * latest[1][wheel]
 
     def _angles(self, stamp_ns: int, silent: dict[int, int]) -> ContactAngles:
         latest = self._encoder.latest()

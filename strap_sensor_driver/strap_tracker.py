@@ -13,7 +13,7 @@ from typing import NamedTuple
 from strap_sensor_driver.calibration import StrapCalibration
 from strap_sensor_driver.contact_zone import FIRST_FAULT, ContactStatus, ZoneLimits, locate
 from strap_sensor_driver.encoder_track import BROKEN_WATCH_NS
-from strap_sensor_driver.end_curve import EndCurve
+from strap_sensor_driver.end_curve import uniform_curves
 from strap_sensor_driver.mounting import THREE_QUARTER_TURN_RAD, StrapMounting
 from strap_sensor_driver.reader_settings import StrapReaderSettings
 from strap_sensor_driver.seam_check import SeamCheck
@@ -96,14 +96,10 @@ class StrapBinding:
 
     def limits(self, settings: StrapReaderSettings) -> ZoneLimits:
         """The levels of `contact_zone.locate` for this strap. ValueError when the settings do not fit it."""
-        known, strap, uneven_std = self.calibration, self.strap, settings.resistance_std_ratio
+        known = self.calibration
         if known is not None:
-            return settings.zone_limits(strap, (known.end_a.curve(), known.end_b.curve()))
-        curve_a, curve_b = (
-            EndCurve.uniform(strap.total_resistance_ohm / ohm, uneven_std)
-            for ohm in (strap.pull_down_a_ohm, strap.pull_down_b_ohm)
-        )
-        return settings.zone_limits(strap, (curve_a, curve_b))
+            return settings.zone_limits(self.strap, (known.end_a.curve(), known.end_b.curve()))
+        return settings.zone_limits(self.strap, uniform_curves(self.strap, settings.resistance_std_ratio))
 
 
 class Scan(NamedTuple):

@@ -429,8 +429,8 @@ def _read(share: FloatArray, known: StrapCalibration | None) -> FloatArray:
     if known is None:
         return np.asarray(nominal.gain_a_rad * (1.0 / share - 1.0))
     end = known.end_a
-    seen = (share - end.offset_lsb / FULL_COUNT) / end.gain
-    return np.array([end.curve().at(1.0 / float(value) - 1.0)[0] for value in seen])
+    curve = end.curve()
+    return np.array([curve.arc_at(ratio) for ratio in InputFit.of(end).ratio(FULL_COUNT * share, FULL_COUNT).tolist()])
 
 
 def _write(folder: Path, layers: Sequence[Layering], rows: Sequence[Accuracy]) -> None:
