@@ -39,7 +39,7 @@ def newest_sample(encoder: Any, _stamp_ns: int) -> list[float] | None:
 
 def with_newest_sample() -> float:
     """The same with the newest encoder sample in place of the position at the scan's time."""
-    with mock.patch("strap_sensor_driver.strap_reader._Encoder.at", newest_sample):
+    with mock.patch("strap_sensor_driver.encoder_track.EncoderTrack.at", newest_sample):
         return angle_error_deg()
 
 
