@@ -19,9 +19,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim_bridge.terrain import Terrain
-from strap_rover.arrays import FloatArray, IntArray
+from strap_rover.arrays import FloatArray
 from strap_rover.rover import RoverDescription
 from strap_rover.settings import check_settings
+from strap_rover.terramechanics import ground_grid
 from strap_rover.terramechanics.compiled import compiled
 from strap_rover.terramechanics.contact import peak_angle_kernel, wheel_forces_kernel
 from strap_rover.terramechanics.slip import slip_kernel, transport_ratio_kernel
@@ -80,10 +81,9 @@ class Plant:
         wheels = rover.wheels
         self.settings = settings
         self._samples = np.ascontiguousarray(terrain.samples)
-        self._grid = np.array([terrain.x_start, terrain.spacing])
-        self._tracks: IntArray = np.array([terrain.track_of(wheel.y_m) for wheel in wheels], dtype=np.int64)
+        self._grid = terrain.grid
         self._geometry = np.array(
-            [[w.radius_m, w.width_m, w.x_m, w.load_share] for w in wheels], dtype=np.float64
+            [[w.radius_m, w.width_m, w.x_m, w.load_share, w.y_m] for w in wheels], dtype=np.float64
         ).T.copy()
         self._rover = np.array(
             [
@@ -119,7 +119,6 @@ class Plant:
             self.body,
             self.commands,
             self._geometry,
-            self._tracks,
             self._rover,
             self._snag,
             self._samples,
@@ -128,26 +127,14 @@ class Plant:
 
     def ground_heights(self) -> FloatArray:
         """Height of the undisturbed surface under each wheel [m], shape (W,)."""
-        return _heights_kernel(self.body[X], self._geometry, self._tracks, self._samples, self._grid)
+        return _heights_kernel(self.body[X], self._geometry, self._samples, self._grid)
 
 
 @compiled
-def _ground_field_kernel(samples: FloatArray, track: int, position: float, column: int) -> float:
-    """One field at a fractional station, linear, held constant beyond the ends."""
-    last = samples.shape[1] - 1
-    position = min(max(position, 0.0), float(last))
-    index = min(int(position), last - 1)
-    part = position - index
-    return float(samples[track, index, column] * (1.0 - part) + samples[track, index + 1, column] * part)
-
-
-@compiled
-def _heights_kernel(
-    x: float, geometry: FloatArray, tracks: IntArray, samples: FloatArray, grid: FloatArray
-) -> FloatArray:
-    heights = np.empty(tracks.size)
-    for i in range(tracks.size):
-        heights[i] = _ground_field_kernel(samples, tracks[i], (x + geometry[2, i] - grid[0]) / grid[1], 1)
+def _heights_kernel(x: float, geometry: FloatArray, samples: FloatArray, grid: FloatArray) -> FloatArray:
+    heights = np.empty(geometry.shape[1])
+    for i in range(heights.size):
+        heights[i] = ground_grid.height_kernel(samples, grid, x + geometry[2, i], geometry[4, i])
     return heights
 
 
@@ -222,22 +209,6 @@ def _pressed_depth_kernel(
 
 
 @compiled
-def _soil_kernel(
-    samples: FloatArray, track: int, position: float, width: float
-) -> tuple[float, float, float, float, float, float, float]:
-    """k_c/b + k_phi, n, c, tan phi, K, delta, 1/tau_s under a wheel."""
-    return (
-        _ground_field_kernel(samples, track, position, 2) / width + _ground_field_kernel(samples, track, position, 3),
-        _ground_field_kernel(samples, track, position, 4),
-        _ground_field_kernel(samples, track, position, 5),
-        _ground_field_kernel(samples, track, position, 6),
-        _ground_field_kernel(samples, track, position, 7),
-        _ground_field_kernel(samples, track, position, 8),
-        _ground_field_kernel(samples, track, position, 9),
-    )
-
-
-@compiled
 def _move_wheel_kernel(
     state: FloatArray,
     command: float,
@@ -268,17 +239,17 @@ def _body_pitch_kernel(
     geometry: FloatArray,
     mean_x: float,
     spread: float,
-    tracks: IntArray,
     samples: FloatArray,
     grid: FloatArray,
 ) -> float:
     """Pitch of the straight line through the ground under the wheels [rad]; one wheel: the ground's own slope."""
     if spread <= 0.0:
-        return _ground_field_kernel(samples, tracks[0], (x + geometry[2, 0] - grid[0]) / grid[1], 0)
+        fields = np.empty(samples.shape[2])
+        ground_grid.ground_kernel(samples, grid, x + geometry[2, 0], geometry[4, 0], fields)
+        return float(fields[ground_grid.SLOPE])
     tilt = 0.0
     for i in range(geometry.shape[1]):
-        position = (x + geometry[2, i] - grid[0]) / grid[1]
-        tilt += (geometry[2, i] - mean_x) * _ground_field_kernel(samples, tracks[i], position, 1)
+        tilt += (geometry[2, i] - mean_x) * ground_grid.height_kernel(samples, grid, x + geometry[2, i], geometry[4, i])
     return math.atan(tilt / spread)
 
 
@@ -303,7 +274,6 @@ def _advance_kernel(
     body: FloatArray,
     commands: FloatArray,
     geometry: FloatArray,
-    tracks: IntArray,
     rover: FloatArray,
     snag: FloatArray,
     samples: FloatArray,
@@ -315,17 +285,18 @@ def _advance_kernel(
     dt = step_length if steps > 0 else 0.0
     mean_x = geometry[2].mean()
     spread = ((geometry[2] - mean_x) ** 2).sum()
+    ground = np.empty(samples.shape[2])
     for _ in range(max(steps, 1)):
         x, speed = body[0], body[1]
-        body[4] = _body_pitch_kernel(x, geometry, mean_x, spread, tracks, samples, grid)
+        body[4] = _body_pitch_kernel(x, geometry, mean_x, spread, samples, grid)
         # The weight acts cg_height above the ground: uphill it leans on the rear axles.
         transfer = -weight * math.sin(body[4]) * cg_height / spread if spread > 0.0 else 0.0
         drive = 0.0
         drag = drawbar_load
         for i in range(count):
             radius, width = geometry[0, i], geometry[1, i]
-            position = (x + geometry[2, i] - grid[0]) / grid[1]
-            slope = _ground_field_kernel(samples, tracks[i], position, 0)
+            ground_grid.ground_kernel(samples, grid, x + geometry[2, i], geometry[4, i], ground)
+            slope = ground[ground_grid.SLOPE]
             share = geometry[3, i] * weight
             load = max(share * math.cos(slope) + transfer * (geometry[2, i] - mean_x), 0.05 * share)
             drag += share * math.sin(slope) + rolling_loss
@@ -334,9 +305,14 @@ def _advance_kernel(
             slip = slip_kernel(speed, rim_speed)
             travel = dt * max(abs(rim_speed), abs(speed))
             state[5] += min(travel / relaxation, 1.0) * (slip - state[5]) if relaxation > 0.0 else slip - state[5]
-            modulus, n, cohesion, tan_friction, shear_modulus, delta, refill = _soil_kernel(
-                samples, tracks[i], position, width
+            modulus = ground[ground_grid.K_C] / width + ground[ground_grid.K_PHI]
+            n, cohesion, tan_friction, shear_modulus = (
+                ground[ground_grid.N],
+                ground[ground_grid.COHESION],
+                ground[ground_grid.TAN_FRICTION],
+                ground[ground_grid.SHEAR_MODULUS],
             )
+            delta, refill = ground[ground_grid.EXCAVATION], ground[ground_grid.REFILL_RATE]
             state[3] = _pressed_depth_kernel(
                 load, state[3], state[2], state[4], state[5],
                 radius, width, modulus, n, cohesion, tan_friction, shear_modulus,

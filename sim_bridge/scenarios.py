@@ -11,7 +11,16 @@ from types import MappingProxyType
 import numpy as np
 
 from sim_bridge.plant import PlantSettings, Snag
-from sim_bridge.terrain import FIRM_SAND, Ground, Stretch, Terrain, build_terrain, composite_terrain, ramp
+from sim_bridge.terrain import (
+    EARTH_SAND_UNIT_WEIGHT,
+    FIRM_SAND,
+    Ground,
+    Stretch,
+    Terrain,
+    build_terrain,
+    composite_terrain,
+    ramp,
+)
 from strap_rover.rover import RoverDescription
 from strap_rover.terramechanics.soil import TABLE_II, Soil, soil_from_de_st
 
@@ -75,14 +84,15 @@ def random_snag_case(rng: np.random.Generator) -> SnagCase:
     )
 
 
-def snag_site(rover: RoverDescription, case: SnagCase) -> Site:
+def snag_site(case: SnagCase) -> Site:
     """Firm Mars sand, then soft sand and a slope from 23 m on, and a snag at 28 m: met by position, not by time."""
     soft = Ground(soil_from_de_st(case.de, case.st), case.excavation_depth_m, case.refill_rate)
     stretches = (Stretch(-math.inf, FIRM_SAND), Stretch(SNAG_SOFT_FROM_M, soft))
-    tracks = [(y, stretches) for y in _track_positions(rover)]
     slope = ramp(SNAG_SOFT_FROM_M, SNAG_RAMP_M, math.radians(case.slope_deg))
     facts = {name: float(getattr(case, name)) for name in SnagCase.__slots__}
-    return Site(build_terrain(tracks, slope), Snag(SNAG_X_M, case.snag_n, case.snag_s), MappingProxyType(facts))
+    return Site(
+        build_terrain([(0.0, stretches)], slope), Snag(SNAG_X_M, case.snag_n, case.snag_s), MappingProxyType(facts)
+    )
 
 
 def snag_scenario(case: SnagCase, name: str = "mars_snag") -> Scenario:
@@ -94,24 +104,26 @@ def snag_scenario(case: SnagCase, name: str = "mars_snag") -> Scenario:
         speed_mps=0.5,
         duration_s=120.0,
         plant=PlantSettings(),
-        build=lambda rover, _rng: snag_site(rover, case),
+        build=lambda _rover, _rng: snag_site(case),
     )
 
 
-def _track_positions(rover: RoverDescription) -> list[float]:
-    return sorted({wheel.y_m for wheel in rover.wheels})
+def _outer_tracks(rover: RoverDescription) -> list[float]:
+    places = [wheel.y_m for wheel in rover.wheels]
+    return sorted({min(places), max(places)})
 
 
 def _composite_site(rover: RoverDescription, rng: np.random.Generator) -> Site:
-    return Site(composite_terrain(rng, _track_positions(rover), 60.0), None, MappingProxyType({}))
+    return Site(composite_terrain(rng, _outer_tracks(rover), 60.0), None, MappingProxyType({}))
 
 
-def _single_wheel_site(rover: RoverDescription, _rng: np.random.Generator) -> Site:
+def _single_wheel_site(_rover: RoverDescription, _rng: np.random.Generator) -> Site:
     bekker = TABLE_II["S11"]
     shear = soil_from_de_st(0.5, 0.6)
     soil = Soil(bekker.n, bekker.k_c, bekker.k_phi, shear.cohesion, shear.friction_angle)
-    tracks = [(y, (Stretch(-math.inf, Ground(soil, 0.02)),)) for y in _track_positions(rover)]
-    return Site(build_terrain(tracks, np.zeros_like, x_end=20.0), None, MappingProxyType({"st": 0.6}))
+    ground = Ground(soil, 0.02, unit_weight=EARTH_SAND_UNIT_WEIGHT)
+    track = (0.0, (Stretch(-math.inf, ground),))
+    return Site(build_terrain([track], np.zeros_like, x_end=20.0), None, MappingProxyType({"st": 0.6}))
 
 
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(

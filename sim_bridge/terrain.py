@@ -1,7 +1,7 @@
-"""The ground the simulated rover drives on: slope and soil along the track of each wheel.
+"""The ground the simulated rover drives on: a grid of heights, slopes and soil that can be read at any place.
 
-A terrain is sampled once into plain arrays, one row per track, so that the plant reads it by linear interpolation.
-x runs along the path from the start of the front axle; y is the lateral position, left positive.
+A terrain is sampled once into plain arrays, rows across and stations along, so that the plant reads it by bilinear
+interpolation. x runs along the path from the start of the front axle; y is the lateral position, left positive.
 """
 
 import math
@@ -11,48 +11,44 @@ from dataclasses import dataclass
 import numpy as np
 
 from strap_rover.arrays import FloatArray
+from strap_rover.terramechanics.ground_grid import FIELDS, HEIGHT, SLOPE, ground_kernel
 from strap_rover.terramechanics.soil import MARS_DRY_SAND, TABLE_II, Soil, soil_from_de_st
 
-FIELDS = (
-    "slope",
-    "height",
-    "k_c",
-    "k_phi",
-    "n",
-    "cohesion",
-    "tan_friction",
-    "shear_modulus",
-    "excavation_depth",
-    "refill_rate",
-)
-"""Columns of the sampled ground, in this order [rad, m, N/m^(n+1), N/m^(n+2), -, Pa, -, m, m, 1/s]."""
-SLOPE, HEIGHT, K_C, K_PHI, N, COHESION, TAN_FRICTION, SHEAR_MODULUS, EXCAVATION, REFILL = range(len(FIELDS))
+MARS_SAND_UNIT_WEIGHT = 1500.0 * 3.711
+"""gamma [N/m^3] of loose sand (1500 kg/m^3) under the gravity of Mars."""
+EARTH_SAND_UNIT_WEIGHT = 1500.0 * 9.81
+"""gamma [N/m^3] of loose sand (1500 kg/m^3) under the gravity of the Earth."""
 BLEND_LENGTH = 0.25
 """One soil gives way to the next over this length [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """A soil as the plant meets it: how it carries, and how it is dug."""
+    """A soil as the plant meets it: how it carries, and how it is dug and flows back."""
 
     soil: Soil
     excavation_depth: float
-    """delta [m]: depth of soil a wheel carries off; steady digging reaches z_e = delta s/(1-s)."""
+    """delta [m]: depth of soil a wheel carries off; steady digging reaches z_e = delta s/(1 - s + kappa)."""
     refill_rate: float = 0.0
     """1/tau_s [1/s]: how fast a dug hole slumps shut. 0 is the trapping soil of the source paper."""
+    refill_ratio: float = 0.0
+    """kappa [-]: soil the rim carries round into the rut, per soil passed over. 0 is a soil that never flows back."""
+    unit_weight: float = MARS_SAND_UNIT_WEIGHT
+    """gamma [N/m^3]: weight of the soil where it lies, density times the gravity of the place."""
 
     def __post_init__(self) -> None:
-        for name, value in (("excavation_depth", self.excavation_depth), ("refill_rate", self.refill_rate)):
+        for name in ("excavation_depth", "refill_rate", "refill_ratio", "unit_weight"):
+            value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ValueError(f"{name} must be finite and >= 0, got {value!r}")
 
     def row(self) -> FloatArray:
-        """Soil columns of the sampled ground (slope and height left 0)."""
+        """Every field of the sampled ground, shape (fields,); height and slopes 0."""
         soil = self.soil
         numbers = (soil.k_c, soil.k_phi, soil.n, soil.cohesion, np.tan(soil.friction_angle))
+        digging = (self.excavation_depth, self.refill_ratio, self.refill_rate)
         return np.array(
-            [0.0, 0.0, *numbers, soil.shear_deformation_modulus, self.excavation_depth, self.refill_rate],
-            dtype=np.float64,
+            [0.0, 0.0, 0.0, *numbers, soil.shear_deformation_modulus, self.unit_weight, *digging], dtype=np.float64
         )
 
 
@@ -68,6 +64,7 @@ ROCK = Ground(
         shear_deformation_modulus=1e-3,
     ),
     excavation_depth=0.0,
+    unit_weight=2600.0 * 3.711,
 )
 """Stone as a very stiff, undiggable soil: a Curiosity wheel stands on it with a contact of a few degrees."""
 
@@ -82,46 +79,58 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terrain:
-    """Sampled ground: `samples` has shape (tracks, stations, fields); stations lie `spacing` m apart from `x_start`."""
+    """Sampled ground: `samples` has shape (rows, stations, fields), rows uniform in y, stations uniform in x.
+
+    One row is a ground that is the same everywhere across. Beyond its edges the ground goes on as at the edge.
+    """
 
     x_start: float
-    spacing: float
-    track_y: FloatArray
+    """x of the first station [m]."""
+    x_spacing: float
+    y_start: float
+    """y of the first row, the rightmost [m]."""
+    y_spacing: float
     samples: FloatArray
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.spacing) and self.spacing > 0.0):
-            raise ValueError(f"terrain spacing must be a positive length in m, got {self.spacing!r}")
-        expected = (self.track_y.size, len(FIELDS))
-        if self.samples.ndim != 3 or (self.samples.shape[0], self.samples.shape[2]) != expected:
+        for name in ("x_spacing", "y_spacing"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"terrain {name} must be a positive length in m, got {value!r}")
+        for name in ("x_start", "y_start"):
+            value = getattr(self, name)
+            if not math.isfinite(value):
+                raise ValueError(f"terrain {name} must be a finite place in m, got {value!r}")
+        shape = self.samples.shape
+        if len(shape) != 3 or shape[0] < 1 or shape[1] < 2 or shape[2] != len(FIELDS):
             raise ValueError(
-                f"terrain samples must have shape ({expected[0]}, stations, {expected[1]}), got {self.samples.shape}"
-            )
-        if self.samples.shape[1] < 2 or not math.isfinite(self.x_start):
-            stations = self.samples.shape[1]
-            raise ValueError(
-                f"terrain needs 2 or more stations and a finite x_start, got {stations} and {self.x_start}"
+                f"terrain samples must have shape (rows, stations, {len(FIELDS)}) with 1 or more rows and 2 or more "
+                f"stations, got {shape}"
             )
         if not np.isfinite(self.samples).all():
-            track, station, field = np.argwhere(~np.isfinite(self.samples))[0]
-            raise ValueError(f"terrain field {FIELDS[field]} is not finite at track {track}, station {station}")
+            row, station, field = np.argwhere(~np.isfinite(self.samples))[0]
+            raise ValueError(f"terrain field {FIELDS[field]} is not finite at row {row}, station {station}")
 
     @property
     def x_end(self) -> float:
         """Last station [m]; beyond it the last values go on."""
-        return float(self.x_start + self.spacing * (self.samples.shape[1] - 1))
+        return float(self.x_start + self.x_spacing * (self.samples.shape[1] - 1))
 
-    def track_of(self, y: float) -> int:
-        """Index of the track nearest to a lateral position [m]."""
-        return int(np.argmin(np.abs(self.track_y - y)))
+    @property
+    def y_end(self) -> float:
+        """Last row, the leftmost [m]; beyond it the last values go on."""
+        return float(self.y_start + self.y_spacing * (self.samples.shape[0] - 1))
 
-    def at(self, track: int, x: float) -> FloatArray:
-        """All fields on one track at x [m], linear between stations."""
-        position = min(max((x - self.x_start) / self.spacing, 0.0), self.samples.shape[1] - 1.0)
-        index = min(int(position), self.samples.shape[1] - 2)
-        part = position - index
-        row = self.samples[track]
-        return np.asarray(row[index] * (1.0 - part) + row[index + 1] * part)
+    @property
+    def grid(self) -> FloatArray:
+        """Where the points lie, shape (4,): x start and spacing, y start and spacing [m]; for `ground_kernel`."""
+        return np.array([self.x_start, self.x_spacing, self.y_start, self.y_spacing])
+
+    def at(self, x: float, y: float) -> FloatArray:
+        """All fields at a place [m], shape (fields,): bilinear between the points, held beyond the edges."""
+        fields = np.empty(len(FIELDS))
+        ground_kernel(self.samples, self.grid, x, y, fields)
+        return fields
 
 
 def build_terrain(
@@ -133,25 +142,31 @@ def build_terrain(
 ) -> Terrain:
     """Sample a terrain: per track its y [m] and its stretches, and one slope profile [rad] over x for all.
 
-    Raises ValueError where a track has no stretch or its stretches are not in order.
+    Between tracks the soil of one turns evenly into that of the next; one track makes a ground that is the same
+    everywhere across. Raises ValueError where a track has no stretch, its stretches are not in order, or three or more
+    tracks do not lie evenly apart.
     """
+    tracks = sorted(tracks, key=lambda track: track[0])
+    places = np.array([y for y, _ in tracks], dtype=np.float64)
+    gaps = np.diff(places)
+    if gaps.size and not (gaps.min() > 0.0 and np.ptp(gaps) < 1e-9):
+        raise ValueError(f"tracks must lie evenly apart across, got y = {places.tolist()} m")
     x: FloatArray = x_start + spacing * np.arange(round((x_end - x_start) / spacing) + 1, dtype=np.float64)
     slopes = slope(x)
     heights = np.concatenate([[0.0], np.cumsum(0.5 * spacing * (np.tan(slopes[1:]) + np.tan(slopes[:-1])))])
     heights -= np.interp(0.0, x, heights)
     samples = np.empty((len(tracks), x.size, len(FIELDS)))
-    for index, (_, stretches) in enumerate(tracks):
+    for rows, (y, stretches) in zip(samples, tracks, strict=True):
         starts = [stretch.start for stretch in stretches]
         if not stretches or starts != sorted(starts):
-            raise ValueError(f"track {index} needs stretches in order of their start, got starts {starts}")
-        rows = samples[index]
+            raise ValueError(f"track at y = {y} m needs stretches in order of their start, got starts {starts}")
         rows[:] = stretches[0].ground.row()
         for stretch in stretches[1:]:
             share = np.clip((x - stretch.start) / BLEND_LENGTH, 0.0, 1.0)[:, None]
             rows[:] = rows * (1.0 - share) + stretch.ground.row() * share
-        rows[:, SLOPE] = slopes
         rows[:, HEIGHT] = heights
-    return Terrain(x_start, spacing, np.array([y for y, _ in tracks], dtype=np.float64), samples)
+        rows[:, SLOPE] = slopes
+    return Terrain(x_start, spacing, float(places[0]), float(gaps[0]) if gaps.size else 1.0, samples)
 
 
 def ramp(start: float, length: float, angle: float) -> Callable[[FloatArray], FloatArray]:

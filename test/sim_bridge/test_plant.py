@@ -32,10 +32,11 @@ from sim_bridge.plant import (
     Snag,
     X,
 )
-from sim_bridge.terrain import FIRM_SAND, HEIGHT, ROCK, Ground, Stretch, Terrain, build_terrain, composite_terrain, ramp
+from sim_bridge.terrain import FIRM_SAND, ROCK, Ground, Stretch, Terrain, build_terrain, composite_terrain, ramp
 from strap_rover.arrays import FloatArray
 from strap_rover.rover import RoverDescription, WheelDescription, load_rover
 from strap_rover.terramechanics.contact import Wheel, solve_sinkage
+from strap_rover.terramechanics.ground_grid import HEIGHT
 from strap_rover.terramechanics.slip import slip_ratio
 from strap_rover.terramechanics.soil import MARS_DRY_SAND, Soil, soil_from_de_st
 from strap_rover.terramechanics.spiral_flow import slip_limit
@@ -376,7 +377,7 @@ def test_each_wheel_stands_on_the_ground_of_its_own_track_and_place() -> None:
         "fl": True, "ml": True, "rl": False, "fr": False, "mr": False, "rr": False,
     }  # fmt: skip
     for index, wheel in enumerate(rover.wheels):
-        expected = terrain.at(terrain.track_of(wheel.y_m), wheel.x_m)[HEIGHT]
+        expected = terrain.at(wheel.x_m, wheel.y_m)[HEIGHT]
         assert plant.ground_heights()[index] == pytest.approx(expected, abs=1e-12)
 
 

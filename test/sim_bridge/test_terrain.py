@@ -8,20 +8,9 @@ from scipy.integrate import quad
 
 from sim_bridge.terrain import (
     BLEND_LENGTH,
-    COHESION,
-    EXCAVATION,
-    FIELDS,
     FIRM_SAND,
-    HEIGHT,
-    K_C,
-    K_PHI,
-    REFILL,
     ROCK,
-    SHEAR_MODULUS,
-    SLOPE,
-    TAN_FRICTION,
     Ground,
-    N,
     Stretch,
     Terrain,
     build_terrain,
@@ -30,10 +19,29 @@ from sim_bridge.terrain import (
 )
 from strap_rover.arrays import FloatArray
 from strap_rover.terramechanics.contact import Wheel, solve_sinkage
+from strap_rover.terramechanics.ground_grid import (
+    COHESION,
+    CROSS_SLOPE,
+    EXCAVATION,
+    FIELDS,
+    HEIGHT,
+    K_C,
+    K_PHI,
+    REFILL_RATE,
+    REFILL_RATIO,
+    SHEAR_MODULUS,
+    SLOPE,
+    TAN_FRICTION,
+    UNIT_WEIGHT,
+    N,
+    height_kernel,
+)
 from strap_rover.terramechanics.soil import Soil
 
 ROUNDING = 1e-9
-SOFT = Ground(Soil(1.0, 2e4, 3e5, 500.0, 0.5, 0.02), excavation_depth=0.03, refill_rate=0.1)
+SOFT = Ground(
+    Soil(1.0, 2e4, 3e5, 500.0, 0.5, 0.02), excavation_depth=0.03, refill_rate=0.1, refill_ratio=2.0, unit_weight=9e3
+)
 
 
 def level(x: FloatArray) -> FloatArray:
@@ -45,9 +53,10 @@ def two_soils(spacing: float = 0.05) -> Terrain:
 
 
 def test_every_field_of_a_ground_arrives() -> None:
-    row = build_terrain([(0.0, [Stretch(0.0, SOFT)])], level, x_end=10.0).at(0, 3.0)
+    row = build_terrain([(0.0, [Stretch(0.0, SOFT)])], level, x_end=10.0).at(3.0, 0.0)
     expected = {K_C: 2e4, K_PHI: 3e5, N: 1.0, COHESION: 500.0, TAN_FRICTION: math.tan(0.5), SHEAR_MODULUS: 0.02}
-    expected |= {EXCAVATION: 0.03, REFILL: 0.1, SLOPE: 0.0, HEIGHT: 0.0}
+    expected |= {EXCAVATION: 0.03, REFILL_RATE: 0.1, REFILL_RATIO: 2.0, UNIT_WEIGHT: 9e3}
+    expected |= {HEIGHT: 0.0, SLOPE: 0.0, CROSS_SLOPE: 0.0}
     assert len(expected) == len(FIELDS)
     for column, value in expected.items():
         assert row[column] == pytest.approx(value), FIELDS[column]
@@ -55,11 +64,11 @@ def test_every_field_of_a_ground_arrives() -> None:
 
 def test_one_soil_gives_way_to_the_next_over_the_blend_length() -> None:
     terrain = two_soils()
-    before, after = terrain.at(0, 0.0), terrain.at(0, 15.0)
-    assert terrain.at(0, 5.0) == pytest.approx(before)
-    assert terrain.at(0, 5.0 + BLEND_LENGTH) == pytest.approx(after)
-    assert terrain.at(0, 5.0 + 0.2 * BLEND_LENGTH) == pytest.approx(0.8 * before + 0.2 * after)
-    across = np.array([terrain.at(0, x)[K_PHI] for x in np.linspace(4.5, 5.8, 53)])
+    before, after = terrain.at(0.0, 0.0), terrain.at(15.0, 0.0)
+    assert terrain.at(5.0, 0.0) == pytest.approx(before)
+    assert terrain.at(5.0 + BLEND_LENGTH, 0.0) == pytest.approx(after)
+    assert terrain.at(5.0 + 0.2 * BLEND_LENGTH, 0.0) == pytest.approx(0.8 * before + 0.2 * after)
+    across = np.array([terrain.at(x, 0.0)[K_PHI] for x in np.linspace(4.5, 5.8, 53)])
     assert (np.diff(across) <= ROUNDING).all()
     assert (across[0], across[-1]) == pytest.approx((505.8e3, 3e5))
 
@@ -67,23 +76,23 @@ def test_one_soil_gives_way_to_the_next_over_the_blend_length() -> None:
 def test_a_patch_shorter_than_the_blend_leaves_the_next_soil_pure() -> None:
     patch = [Stretch(-1.0, FIRM_SAND), Stretch(5.0, ROCK), Stretch(5.1, SOFT)]
     terrain = build_terrain([(0.0, patch)], level, x_end=20.0)
-    assert terrain.at(0, 5.1 + BLEND_LENGTH) == pytest.approx(SOFT.row())
-    assert terrain.at(0, 5.1)[K_PHI] > terrain.at(0, 4.9)[K_PHI]
+    assert terrain.at(5.1 + BLEND_LENGTH, 0.0) == pytest.approx(SOFT.row())
+    assert terrain.at(5.1, 0.0)[K_PHI] > terrain.at(4.9, 0.0)[K_PHI]
 
 
 @given(x=st.floats(-3.0, 25.0))
 def test_reading_is_linear_between_stations(x: float) -> None:
     terrain = two_soils()
-    stations = terrain.x_start + terrain.spacing * np.arange(terrain.samples.shape[1])
+    stations = terrain.x_start + terrain.x_spacing * np.arange(terrain.samples.shape[1])
     for column in (K_PHI, EXCAVATION):
-        assert terrain.at(0, x)[column] == pytest.approx(np.interp(x, stations, terrain.samples[0, :, column]))
+        assert terrain.at(x, 0.0)[column] == pytest.approx(np.interp(x, stations, terrain.samples[0, :, column]))
 
 
 def test_beyond_its_ends_the_ground_goes_on() -> None:
     terrain = two_soils()
     assert terrain.x_end == pytest.approx(20.0)
-    assert np.array_equal(terrain.at(0, 1e6), terrain.at(0, terrain.x_end))
-    assert np.array_equal(terrain.at(0, -1e6), terrain.at(0, terrain.x_start))
+    assert np.array_equal(terrain.at(1e6, 0.0), terrain.at(terrain.x_end, 0.0))
+    assert np.array_equal(terrain.at(-1e6, 0.0), terrain.at(terrain.x_start, 0.0))
 
 
 def test_ramp_is_level_then_rises_then_holds() -> None:
@@ -99,27 +108,58 @@ def test_height_is_the_integral_of_the_slope_from_x_zero() -> None:
         return float(quad(lambda u: math.tan(float(profile(np.array(u)))), 0.0, x, points=[4.0, 6.0], limit=200)[0])
 
     for x in (3.0, 5.0, 6.0, 20.0):
-        assert terrain.at(0, x)[HEIGHT] == pytest.approx(rise(x), abs=1e-4)
+        assert terrain.at(x, 0.0)[HEIGHT] == pytest.approx(rise(x), abs=1e-4)
     downhill = build_terrain([(0.0, [Stretch(0.0, FIRM_SAND)])], lambda x: np.full_like(x, -0.1), x_end=30.0)
-    assert downhill.at(0, 0.0)[HEIGHT] == pytest.approx(0.0, abs=ROUNDING)
-    assert downhill.at(0, 10.0)[HEIGHT] == pytest.approx(-10.0 * math.tan(0.1))
-    assert downhill.at(0, -1.0)[HEIGHT] == pytest.approx(math.tan(0.1))
+    assert downhill.at(0.0, 0.0)[HEIGHT] == pytest.approx(0.0, abs=ROUNDING)
+    assert downhill.at(10.0, 0.0)[HEIGHT] == pytest.approx(-10.0 * math.tan(0.1))
+    assert downhill.at(-1.0, 0.0)[HEIGHT] == pytest.approx(math.tan(0.1))
 
 
-def test_tracks_keep_their_own_soil_and_the_nearest_is_found() -> None:
+def test_tracks_keep_their_own_soil_and_it_turns_evenly_between_them() -> None:
     terrain = build_terrain(
         [(1.1, [Stretch(0.0, FIRM_SAND)]), (-1.1, [Stretch(0.0, ROCK)])], ramp(2.0, 1.0, 0.1), x_end=10.0
     )
-    left, right = terrain.track_of(1.0), terrain.track_of(-7.0)
-    assert terrain.at(left, 5.0)[K_PHI] == FIRM_SAND.soil.k_phi
-    assert terrain.at(right, 5.0)[K_PHI] == ROCK.soil.k_phi
-    assert terrain.at(left, 5.0)[SLOPE] == terrain.at(right, 5.0)[SLOPE]
+    assert (terrain.y_start, terrain.y_end) == (-1.1, pytest.approx(1.1))
+    left, right = terrain.at(5.0, 1.1), terrain.at(5.0, -1.1)
+    assert left[K_PHI] == pytest.approx(FIRM_SAND.soil.k_phi)
+    assert right[K_PHI] == ROCK.soil.k_phi
+    assert left[[HEIGHT, SLOPE]] == pytest.approx(right[[HEIGHT, SLOPE]])
+    assert terrain.at(5.0, 7.0) == pytest.approx(left)
+    assert terrain.at(5.0, -7.0) == pytest.approx(right)
+    assert terrain.at(5.0, 0.55) == pytest.approx(0.75 * left + 0.25 * right)
+
+
+def test_one_track_is_the_same_everywhere_across() -> None:
+    terrain = two_soils()
+    assert np.array_equal(terrain.at(6.0, -30.0), terrain.at(6.0, 30.0))
+
+
+@given(x=st.floats(-3.0, 13.0), y=st.floats(-4.0, 4.0))
+def test_reading_is_bilinear_between_the_points(x: float, y: float) -> None:
+    samples = np.random.default_rng(8).normal(size=(4, 11, len(FIELDS)))
+    terrain = Terrain(0.0, 1.0, -1.5, 1.0, samples)
+    along = [np.array([np.interp(x, np.arange(11), row[:, f]) for f in range(len(FIELDS))]) for row in samples]
+    expected = [np.interp(y, [-1.5, -0.5, 0.5, 1.5], column) for column in np.array(along).T]
+    assert terrain.at(x, y) == pytest.approx(expected)
+    assert height_kernel(samples, terrain.grid, x, y) == terrain.at(x, y)[HEIGHT]
+
+
+def test_a_place_that_is_no_number_reads_the_first_point() -> None:
+    """A plant that has gone wrong must show it in its own state, not by reading memory that is not the ground's."""
+    terrain = two_soils()
+    assert np.array_equal(terrain.at(math.nan, 0.0), terrain.at(terrain.x_start, 0.0))
+
+
+@pytest.mark.parametrize("places", [(0.0, 1.0, 3.0), (1.0, 1.0)])
+def test_tracks_unevenly_apart_are_refused(places: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match=r"tracks must lie evenly apart across, got y = \["):
+        build_terrain([(y, [Stretch(0.0, ROCK)]) for y in places], level)
 
 
 def test_a_finer_sampling_is_the_same_ground() -> None:
     coarse, fine = two_soils(0.05), two_soils(0.01)
     for x in (0.0, 4.9, 5.1, 5.25, 12.0):
-        assert coarse.at(0, x) == pytest.approx(fine.at(0, x), rel=1e-9, abs=1e-9)
+        assert coarse.at(x, 0.0) == pytest.approx(fine.at(x, 0.0), rel=1e-9, abs=1e-9)
 
 
 def test_rock_carries_a_curiosity_wheel_on_a_few_degrees() -> None:
@@ -131,8 +171,7 @@ def test_rock_carries_a_curiosity_wheel_on_a_few_degrees() -> None:
 def test_composite_terrain_is_its_seed() -> None:
     one, same, other = (composite_terrain(np.random.default_rng(s), [1.1, -1.1], 60.0) for s in (3, 3, 4))
     assert one.samples.tobytes() == same.samples.tobytes()
-    assert np.array_equal(one.track_y, same.track_y)
-    assert (one.x_start, one.spacing) == (same.x_start, same.spacing)
+    assert np.array_equal(one.grid, same.grid)
     assert one.samples.shape == other.samples.shape
     assert not np.array_equal(one.samples, other.samples)
 
@@ -141,14 +180,14 @@ def test_composite_terrain_is_its_seed() -> None:
 def test_composite_terrain_is_a_mixture_one_can_start_on(seed: int) -> None:
     terrain = composite_terrain(np.random.default_rng(seed), [1.1, -1.1], 60.0)
     assert terrain.x_end >= 60.0
-    left, right = terrain.samples
-    assert terrain.at(0, 0.0)[K_PHI] == terrain.at(1, 0.0)[K_PHI] == FIRM_SAND.soil.k_phi
+    right, left = terrain.samples
+    assert terrain.at(0.0, -1.1)[K_PHI] == terrain.at(0.0, 1.1)[K_PHI] == FIRM_SAND.soil.k_phi
     assert np.array_equal(left[:, SLOPE], right[:, SLOPE])
     assert not np.array_equal(left[:, N], right[:, N])
     assert len(np.unique(left[:, K_PHI])) > 5
     assert (terrain.samples[..., K_C] / 0.4 + terrain.samples[..., K_PHI] > 0.0).all()
     assert np.degrees(np.abs(terrain.samples[..., SLOPE]).max()) <= 4 * 2.0
-    assert terrain.at(0, 0.0)[SLOPE] == 0.0
+    assert terrain.at(0.0, 0.0)[SLOPE] == 0.0
 
 
 def test_composite_terrain_draws_nothing_from_the_global_generator() -> None:
@@ -165,23 +204,31 @@ def samples_with(field: int, value: float) -> FloatArray:
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_hole_in_the_samples_is_named(value: float) -> None:
-    with pytest.raises(ValueError, match=r"field k_phi is not finite at track 1, station 3"):
-        Terrain(0.0, 0.1, np.array([1.0, -1.0]), samples_with(K_PHI, value))
+    with pytest.raises(ValueError, match=r"field k_phi is not finite at row 1, station 3"):
+        Terrain(0.0, 0.1, -1.0, 2.0, samples_with(K_PHI, value))
 
 
 @pytest.mark.parametrize("spacing", [0.0, -0.1, math.nan, math.inf])
 def test_bad_spacing_is_named(spacing: float) -> None:
-    with pytest.raises(ValueError, match=rf"spacing must be a positive length in m, got {spacing!r}"):
-        Terrain(0.0, spacing, np.array([1.0, -1.0]), samples_with(0, 1.0))
+    for grid, name in (((0.0, spacing, 0.0, 1.0), "x_spacing"), ((0.0, 1.0, 0.0, spacing), "y_spacing")):
+        with pytest.raises(ValueError, match=rf"terrain {name} must be a positive length in m, got {spacing!r}"):
+            Terrain(*grid, samples_with(0, 1.0))
 
 
-@pytest.mark.parametrize("shape", [(2, 5), (1, 5, len(FIELDS)), (2, 5, len(FIELDS) - 1)])
+@pytest.mark.parametrize("start", [math.nan, -math.inf])
+def test_bad_start_is_named(start: float) -> None:
+    for grid, name in (((start, 1.0, 0.0, 1.0), "x_start"), ((0.0, 1.0, start, 1.0), "y_start")):
+        with pytest.raises(ValueError, match=rf"terrain {name} must be a finite place in m, got {start!r}"):
+            Terrain(*grid, samples_with(0, 1.0))
+
+
+@pytest.mark.parametrize("shape", [(2, 5), (0, 5, len(FIELDS)), (2, 1, len(FIELDS)), (2, 5, len(FIELDS) - 1)])
 def test_bad_shape_is_named_with_the_one_expected(shape: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match=r"must have shape \(2, stations, 10\), got .*5"):
-        Terrain(0.0, 0.1, np.array([1.0, -1.0]), np.ones(shape))
+    with pytest.raises(ValueError, match=r"must have shape \(rows, stations, 13\) .* got \("):
+        Terrain(0.0, 0.1, -1.0, 2.0, np.ones(shape))
 
 
-@pytest.mark.parametrize("name", ["excavation_depth", "refill_rate"])
+@pytest.mark.parametrize("name", ["excavation_depth", "refill_rate", "refill_ratio", "unit_weight"])
 @pytest.mark.parametrize("value", [-0.01, math.nan, math.inf])
 def test_bad_digging_is_named(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=rf"^{name} must be finite and >= 0, got {value!r}"):
@@ -191,5 +238,5 @@ def test_bad_digging_is_named(name: str, value: float) -> None:
 @pytest.mark.parametrize("starts", [[], [5.0, 3.0]])
 def test_tracks_without_ordered_stretches_are_refused(starts: list[float]) -> None:
     good = (1.1, [Stretch(0.0, FIRM_SAND)])
-    with pytest.raises(ValueError, match=r"track 1 needs stretches in order of their start, got starts \["):
+    with pytest.raises(ValueError, match=r"track at y = -1.1 m needs stretches in order of their start, got starts \["):
         build_terrain([good, (-1.1, [Stretch(start, ROCK) for start in starts])], level)
