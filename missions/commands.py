@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -92,7 +93,9 @@ def parser() -> argparse.ArgumentParser:
 
     study = commands.add_parser("case_study", help="many runs of one question, as a table")
     study.add_argument("study", choices=("all", *STUDIES), metavar="NAME", help=f"all, {', '.join(STUDIES)}")
-    study.add_argument("--out", type=Path, metavar="DIR", help="empty folder for the results")
+    study.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for the results: empty, or what a stopped study left"
+    )
     study.add_argument(
         "--runs", type=int, metavar="N", help="randomised members or repetitions (default: the study's own)"
     )
@@ -207,6 +210,7 @@ def _calibrate(options: argparse.Namespace, console: Console, stop: StopRequest)
 
 
 def _case_study(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:
+    from missions.case_studies.run_ledger import LedgerError, LostRunError, holds_runs_of  # noqa: PLC0415
     from missions.demo import OutputFolderError, output_folder  # noqa: PLC0415
     from missions.live_demo import LiveRunError, OtherGraphError  # noqa: PLC0415 - ROS is slow
     from missions.live_graph import NodeDiedError  # noqa: PLC0415
@@ -218,13 +222,13 @@ def _case_study(options: argparse.Namespace, console: Console, stop: StopRequest
     try:
         for name in chosen:
             out = options.out / name if options.out is not None and len(chosen) > 1 else options.out
-            folder = output_folder(out, f"case_study-{name}")
+            folder = output_folder(out, f"case_study-{name}", partial(holds_runs_of, name))
             ended_well &= STUDIES[name](folder, console, stop, options.short, options.runs)
             if stop():
                 return EXIT_STOPPED
-    except (OutputFolderError, OtherGraphError) as error:
+    except (OutputFolderError, OtherGraphError, LedgerError) as error:
         return _complain(error, EXIT_ASKED_WRONGLY)
-    except (LiveRunError, NodeDiedError) as error:
+    except (LiveRunError, NodeDiedError, LostRunError) as error:
         return _complain(error, EXIT_STOPPED if stop() else EXIT_FAILED)
     return EXIT_OK if ended_well else EXIT_FAILED
 

@@ -36,9 +36,10 @@ class DemoResult:
     """False when the run was stopped early."""
 
 
-def output_folder(asked: Path | None, stem: str) -> Path:
+def output_folder(asked: Path | None, stem: str, may_go_on: Callable[[Path], bool] | None = None) -> Path:
     """The empty folder a run writes to: the one asked for, or the next free `out/<stem>-NNN`.
 
+    `may_go_on` says of a folder that is not empty whether it holds what can be gone on with; None: nothing can.
     Raises OutputFolderError when it is not empty or cannot be made.
     """
     if asked is None:
@@ -52,7 +53,7 @@ def output_folder(asked: Path | None, stem: str) -> Path:
         occupied = any(asked.iterdir())
     except OSError as error:
         raise OutputFolderError(f"{asked}: {error.strerror or error}; give another folder with --out") from error
-    if occupied:
+    if occupied and not (may_go_on is not None and may_go_on(asked)):
         raise OutputFolderError(f"{asked}: is not empty; give an empty or new folder with --out")
     return asked
 

@@ -5,20 +5,18 @@ The two kinds of soil of the plant are reported apart: `trapping` sand keeps the
 assumption), `refilling` sand slumps back.
 """
 
-import json
-import os
-import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import TimeoutError, get_context  # noqa: A004 - the pool's own, not the built-in
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import Progress
-from rich.table import Table
 
+from missions.case_studies.plain_table import PlainTable
+from missions.case_studies.run_ledger import RUNS_FILE, LedgerForm, run_jobs
+from missions.case_studies.study_result import Chart, Curve, StudyResult
 from missions.core_run import run_cores
 from missions.plan import CONTROLLERS, plan_run
 from missions.stop_request import never
@@ -32,7 +30,6 @@ FAMILY_SEED = 20200503
 """Members are drawn from this; nothing was tuned on them."""
 REFILL_RATES = {"trapping": 0.0, "refilling": 0.2}
 """1/tau_s of the two kinds of soil [1/s]."""
-_POLL_S = 0.2
 _COLUMNS = {
     "controller": "controller",
     "runs": "runs",
@@ -108,43 +105,65 @@ def _is_decided(world: World, case: SnagCase) -> bool:
     return bool(is_clear or since_release > _GIVE_UP_S)
 
 
-def run_study(folder: Path, runs: int, console: Console, stopped: Callable[[], bool] = never) -> bool:
+def run_study(
+    folder: Path, runs: int, console: Console, stopped: Callable[[], bool] = never, *, short: bool = False
+) -> bool:
     """Run the family on all cores into `folder`; False when `stopped()` ended it early (what is done is kept)."""
-    jobs = family(runs)
-    results: list[Result] = []
-    with Progress(console=console, transient=True) as progress:
-        task = progress.add_task(f"{runs} members x {len(REFILL_RATES)} soils x {len(CONTROLLERS)}", total=len(jobs))
-        for result in _in_parallel(jobs, stopped):
-            results.append(result)
-            progress.advance(task)
-    results.sort(key=lambda result: (result.soil, result.member, CONTROLLERS.index(result.controller)))
-    rows = [{**asdict(result), "case": asdict(result.case)} for result in results]
-    (folder / "runs.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    (folder / "summary.json").write_text(json.dumps(tabulate(results), indent=2) + "\n", encoding="utf-8")
+    jobs = {f"{job.soil} {job.member} {job.controller}": job for job in family(runs)}
+    form = LedgerForm("mars_snag", short, {"runs": runs, "seed": FAMILY_SEED})
+    found = run_jobs(folder, form, jobs, _run_to_json, console, stopped)
+    results = [_result_from(item) for item in found.values()]
     for table in family_tables(results):
-        console.print(table)
-    console.print(f"every run: {escape(str(folder / 'runs.json'))}")
-    return len(results) == len(jobs)
+        console.print(table.drawn())
+    console.print(f"every run: {escape(str(folder / RUNS_FILE))}")
+    if len(results) < len(jobs):
+        return False
+    study_result(results, runs, short=short).write(folder)
+    return True
 
 
-def _in_parallel(jobs: Sequence[Job], stopped: Callable[[], bool]) -> Iterator[Result]:
-    """Results as they come, from a pool over all cores, until `stopped()`; then its workers are ended at once."""
-    with get_context("spawn").Pool(len(os.sched_getaffinity(0)), _leave_signals_to_parent) as pool:
-        arriving = pool.imap_unordered(run_job, jobs)
-        due = len(jobs)
-        while due and not stopped():
-            try:
-                result = arriving.next(_POLL_S)
-            except TimeoutError:
-                continue
-            due -= 1
-            yield result
+def _run_to_json(job: Job) -> dict[str, Any]:
+    return asdict(run_job(job))
 
 
-def _leave_signals_to_parent() -> None:
-    """Ctrl-C reaches every process of the terminal: the parent decides, and ends the pool."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+def _result_from(item: Mapping[str, Any]) -> Result:
+    return Result(**{**item, "case": SnagCase(**item["case"])})
+
+
+def study_result(results: Sequence[Result], runs: int, *, short: bool) -> StudyResult:
+    """The family as a record that a report can read. The source has no such family, so there are no claims of it."""
+    words = []
+    for soil in REFILL_RATES:
+        off = {
+            controller: sum(
+                r.outcome == Outcome.DROVE_OFF.value for r in results if (r.soil, r.controller) == (soil, controller)
+            )
+            for controller in CONTROLLERS
+        }
+        counts = ", ".join(f"{controller} in {count}" for controller, count in off.items())
+        words.append(f"Of {runs} members on {soil} sand the rover drives off with {counts}.")
+    return StudyResult(
+        study="mars_snag",
+        title="Curiosity in soft sand on a slope, held back by a snag",
+        is_short=short,
+        words=tuple(words),
+        assumptions=(
+            "Soil, digging, slope and snag of each member are drawn around the reference case; the paper has none.",
+            "Whether sand keeps the hole a wheel digs (trapping) or slumps back (refilling) is assumed: both are told.",
+        ),
+        claims=(),
+        tables=tuple(family_tables(results)),
+        charts=tuple(_depth_chart(results, soil) for soil in REFILL_RATES),
+    )
+
+
+def _depth_chart(results: Sequence[Result], soil: str) -> Chart:
+    """Deepest sinkage of every member, in order of size: how many stay above a depth reads off at once."""
+    curves = []
+    for controller in CONTROLLERS:
+        depth = sorted(r.largest_sinkage_mm for r in results if (r.soil, r.controller) == (soil, controller))
+        curves.append(Curve(controller, tuple(float(number) for number in range(1, len(depth) + 1)), tuple(depth)))
+    return Chart(f"Deepest sinkage, {soil} sand", "members, by depth", "deepest sinkage [mm]", tuple(curves))
 
 
 def tabulate(results: Sequence[Result]) -> list[dict[str, object]]:
@@ -166,16 +185,14 @@ def tabulate(results: Sequence[Result]) -> list[dict[str, object]]:
     return table
 
 
-def family_tables(results: Sequence[Result]) -> list[Table]:
+def family_tables(results: Sequence[Result]) -> list[PlainTable]:
     """The same, to look at."""
-    tables = []
     rows = tabulate(results)
-    for soil in REFILL_RATES:
-        table = Table(title=f"mars_snag family, {soil} sand")
-        for index, heading in enumerate(_COLUMNS.values()):
-            table.add_column(heading, justify="right" if index else "left")
-        for row in rows:
-            if row["soil"] == soil:
-                table.add_row(*(str(row[key]) for key in _COLUMNS))
-        tables.append(table)
-    return tables
+    return [
+        PlainTable(
+            f"mars_snag family, {soil} sand",
+            tuple(_COLUMNS.values()),
+            tuple(tuple(str(row[key]) for key in _COLUMNS) for row in rows if row["soil"] == soil),
+        )
+        for soil in REFILL_RATES
+    ]

@@ -11,6 +11,7 @@ from std_msgs.msg import Float64MultiArray
 
 import strap_rover
 from missions import lockstep
+from missions.case_studies.run_ledger import LedgerForm, RunLedger
 from missions.command_line import main
 from strap_rover.flight_recorder.bag_reader import iterate_messages, read_bag_summary
 
@@ -175,6 +176,12 @@ def test_a_case_study_wants_a_sane_number_of_runs_and_an_empty_folder(tmp_path, 
     assert not (tmp_path / "a").exists()
     (tmp_path / "x").touch()
     assert "is not empty" in refused("case_study", "mars_snag", "--runs", 1, "--out", tmp_path)
+
+
+def test_a_case_study_goes_on_only_with_runs_of_its_own_form(tmp_path, refused):
+    RunLedger(tmp_path, LedgerForm("mars_snag", is_short=False, settings={"runs": 7})).close()
+    assert "'runs': 7" in refused("case_study", "mars_snag", "--runs", 1, "--out", tmp_path)
+    assert "is not empty" in refused("case_study", "strap_bench", "--out", tmp_path)
 
 
 def test_a_signal_before_the_first_cycle_is_a_stop_too(tmp_path, monkeypatch, capsys):

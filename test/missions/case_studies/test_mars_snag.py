@@ -1,13 +1,23 @@
 import io
 import json
 import multiprocessing
-from collections.abc import Iterator
 
 import pytest
 from rich.console import Console
 
-from missions.case_studies import mars_snag
-from missions.case_studies.mars_snag import Job, Result, family, run_job, run_study, tabulate
+from missions.case_studies import mars_snag, run_ledger
+from missions.case_studies.mars_snag import (
+    Job,
+    Result,
+    family,
+    family_tables,
+    run_job,
+    run_study,
+    study_result,
+    tabulate,
+)
+from missions.case_studies.run_ledger import RUNS_FILE
+from missions.case_studies.study_result import read_study_result
 from missions.plan import CONTROLLERS
 from missions.summary import Outcome
 from sim_bridge.scenarios import REFERENCE_SNAG, SnagCase
@@ -55,7 +65,7 @@ def test_the_table_adds_up():
 
 def test_nothing_done_is_an_empty_table():
     assert tabulate([]) == []
-    assert len(mars_snag.family_tables([])) == 2
+    assert [table.rows for table in family_tables([])] == [(), ()]
 
 
 def test_a_job_ends_when_it_is_decided():
@@ -73,29 +83,55 @@ def test_a_study_through_the_process_pool(tmp_path, monkeypatch):
     monkeypatch.setattr(mars_snag, "family", lambda _: jobs)
     screen = io.StringIO()
     assert run_study(tmp_path, 1, Console(file=screen, width=200))
-    runs = json.loads((tmp_path / "runs.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
-    assert [run["controller"] for run in runs] == ["soil_flow", "constant"]
-    assert SnagCase(**runs[0]["case"]) == case
-    assert {run["outcome"] for run in runs} == {Outcome.DROVE_OFF.value}
-    table = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
-    assert [row["runs"] for row in table] == [1, 1]
+    header, *runs = [json.loads(line, parse_constant=pytest.fail) for line in lines_of(tmp_path)]
+    assert (header["study"], header["is_short"], header["settings"]["runs"]) == ("mars_snag", False, 1)
+    by_controller = {run["result"]["controller"]: run["result"] for run in runs}
+    assert by_controller.keys() == {"soil_flow", "constant"}
+    assert SnagCase(**by_controller["soil_flow"]["case"]) == case
+    assert {run["outcome"] for run in by_controller.values()} == {Outcome.DROVE_OFF.value}
+    found = read_study_result(tmp_path)
+    assert [row[:2] for row in found.tables[0].rows] == [("soil_flow", "1"), ("constant", "1")]
     assert "mars_snag family, trapping sand" in screen.getvalue()
-    assert str(tmp_path / "runs.json") in screen.getvalue()
+    assert str(tmp_path / RUNS_FILE) in screen.getvalue()
 
 
-def test_an_interrupted_study_keeps_what_is_done(tmp_path, monkeypatch):
-    def three_then_stop(jobs: list[Job], _stopped: object) -> Iterator[Result]:
-        yield from (result(job) for job in (jobs[5], jobs[0], jobs[9]))
+def lines_of(folder):
+    return (folder / RUNS_FILE).read_text(encoding="utf-8").splitlines()
 
-    monkeypatch.setattr(mars_snag, "_in_parallel", three_then_stop)
-    assert not run_study(tmp_path, 2, Console(file=io.StringIO()))
-    runs = json.loads((tmp_path / "runs.json").read_text(encoding="utf-8"))
-    done = [family(2)[index] for index in (5, 0, 9)]
-    assert {(run["member"], run["soil"], run["controller"]) for run in runs} == {
-        (job.member, job.soil, job.controller) for job in done
-    }
-    table = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
-    assert sum(row["runs"] for row in table) == 3
+
+def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
+    wanted = {f"{job.soil} {job.member} {job.controller}" for job in family(2)}
+    started = []
+
+    def three_then_stop(jobs, run, stopped):
+        started.append(set(jobs))
+        for key, job in list(jobs.items())[:3]:
+            yield key, mars_snag.asdict(result(job))
+
+    monkeypatch.setattr(run_ledger, "_in_parallel", three_then_stop)
+    screen = io.StringIO()
+    assert not run_study(tmp_path, 2, Console(file=screen, width=200))
+    assert "stopped: 3 of 16 runs are kept" in screen.getvalue()
+    assert not (tmp_path / "summary.json").exists()  # half a family is no result
+    assert len(lines_of(tmp_path)) == 4
+    while not run_study(tmp_path, 2, Console(file=io.StringIO())):
+        pass
+    assert [len(due) for due in started] == [16, 13, 10, 7, 4, 1]
+    assert started[0] == wanted
+    assert read_study_result(tmp_path) == study_result([result(job) for job in family(2)], 2, short=False)
+
+
+def test_the_result_says_who_drives_off(tmp_path):
+    jobs = family(3)
+    off = {("refilling", "soil_flow"), ("trapping", "slip_limit")}
+    results = [result(job, Outcome.DROVE_OFF if (job.soil, job.controller) in off else Outcome.BURIED) for job in jobs]
+    found = study_result(results, 3, short=True)
+    assert "trapping sand the rover drives off with soil_flow in 0, constant in 0, slip_limit in 3" in found.words[0]
+    assert "refilling sand the rover drives off with soil_flow in 3" in found.words[1]
+    assert found.is_short
+    assert [len(curve.y) for chart in found.charts for curve in chart.curves] == [3] * 8
+    found.write(tmp_path)
+    assert read_study_result(tmp_path) == found
 
 
 def test_the_reference_case_is_inside_the_family():
@@ -109,5 +145,5 @@ def test_the_reference_case_is_inside_the_family():
 def test_a_stopped_study_ends_its_workers_at_once(tmp_path):
     """Asked to stop before the first of many members is through, it returns with none, and no worker goes on."""
     assert not run_study(tmp_path, 20, Console(file=io.StringIO()), lambda: True)
-    assert json.loads((tmp_path / "runs.json").read_text(encoding="utf-8")) == []
+    assert len(lines_of(tmp_path)) == 1
     assert multiprocessing.active_children() == []
