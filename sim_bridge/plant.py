@@ -1,16 +1,23 @@
 """The rover in the sand: forces from contact stress, sinkage from a balance of the soil each wheel digs and refills.
 
-Per wheel, with z_s the depth pressed by the load and z_e the depth dug by slip:
+Planar motion (x, y, heading) on a terrain. Per wheel, with z_s the depth pressed by the load and z_e the depth dug by
+slip, v the speed over ground in the wheel's plane, u the speed of sliding:
 
-    dz_e/dt = [delta max(r omega - v, 0) - v z_e]/L_c - z_e/tau_s,   L_c = r (sin theta_1 + sin|theta_2|)
-    z_s solves F_z = W with the pressing depth scaled by z_s/(z_s + z_e);   cos theta_1 = 1 - (z_s + z_e)/r
-    d(|theta_2|/theta_1)/dt = -(v/L_c) (ratio - 0.1), from 1 at a standing start
-    ds_eff/dt = max(|r omega|, |v|)/L_rel (s - s_eff)
-    m dv/dt = sum DP - weight along the slope - rolling loss - external load;   omega follows its command by a lag
+    dz_e/dt = [delta u - (v + kappa r omega) z_e]/L_c - z_e/tau_s,   L_c = r (sin theta_1 + sin|theta_2|)
+    z_s solves F_z = W;   stresses, rear contact and shear: strap_rover.terramechanics.slip_sinkage
+    d(standing)/dt = -v/L_c standing                 1 on a wheel just set down: contact as far behind as in front
+    ds_eff/dt = [(r omega - v) - max(r omega, |v|) s_eff]/L_rel,  likewise sideways: shear needs rim travel to build up,
+                                                     and holds a standing wheel as a spring would
+    m (dv/dt - v_y dpsi/dt) = sum of thrust - weight along the slope - resistances, likewise sideways and in yaw
 
-Steady digging reaches z_e = delta s/(1 - s): a wheel that only spins buries itself, one that moves on leaves its hole.
-The plant shares the stress integrals with the estimator, and no flow law: nothing here knows the critical flow ratio
-by which the controller judges. Forward motion only; sideways forces are not modelled. z_e is capped at 1.2 r.
+Steady digging reaches z_e = delta s/(1 - s + kappa). With kappa near 3, as measured, soil that the rim carries round
+refills the rut (`refilling`); with kappa near 0 a wheel that only spins buries itself (`trapping`).
+
+Thrust and side force act whatever the motion; compaction resistance, rolling loss, snag and drawbar load only ever
+oppose it, and hold a standing rover up to their size. A wheel that turns back is mirrored: entry and exit swap. The
+rut a wheel leaves is not kept: a following or returning wheel meets undisturbed ground. Rovers whose wheels are all on
+one line are guided, as on a test stand: no sideways motion and no yaw; a steered wheel there runs at a slip angle.
+The plant shares no flow law with controller or estimator: nothing here knows the critical flow ratio.
 """
 
 import math
@@ -18,24 +25,36 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sim_bridge.suspension import body_tilt_kernel, suspension_of, wheel_loads_kernel
 from sim_bridge.terrain import Terrain
-from strap_rover.arrays import FloatArray
+from strap_rover.arrays import FloatArray, IntArray
 from strap_rover.rover import RoverDescription
 from strap_rover.settings import check_settings
-from strap_rover.terramechanics import ground_grid
 from strap_rover.terramechanics.compiled import compiled
-from strap_rover.terramechanics.contact import peak_angle_kernel, wheel_forces_kernel
-from strap_rover.terramechanics.slip import slip_kernel, transport_ratio_kernel
+from strap_rover.terramechanics.ground_grid import ground_kernel, height_kernel
+from strap_rover.terramechanics.slip import REST_SPEED, slip_kernel
+from strap_rover.terramechanics.slip_sinkage import (
+    MEASURED_LAW,
+    ContactLaw,
+    dug_wheel_kernel,
+    excavation_rate_kernel,
+    kinematics_kernel,
+    pressed_depth_kernel,
+)
 
-DEEPEST_CONTACT = 1.6
-"""Largest z/r the contact geometry is evaluated at."""
-REAR_LIMIT = 1.2
-"""Largest |theta_2| [rad]."""
+DEEPEST_DUG = 1.2
+"""Largest z_e/r: a wheel that deep is buried, whatever the number."""
+MEASURED_REFILL = 3.0
+"""kappa of the sands whose rear contact is that of the measured law; a soil with less has less of it."""
+DAMPED_SPEED = 0.02
+"""Rim and body slower than this [m/s] damp the spring that holds a standing wheel."""
+DAMPING_TIME = 0.05
+"""Damping of that spring over its stiffness [s]."""
 
 # Rows of the per-wheel state, of the per-wheel results, and of the body.
-OMEGA, ANGLE, EXCAVATED, PRESSED, REAR_RATIO, SLIP_RELAXED = range(6)
-THETA_1, THETA_2, SLIP, TRACTION, RESISTANCE, TORQUE, LOAD, SINKAGE = range(8)
-X, SPEED, SNAG_ELAPSED, EXTERNAL_LOAD, PITCH, ACCELERATION = range(6)
+OMEGA, ANGLE, EXCAVATED, PRESSED, STANDING, SLIP_RELAXED, SIDE_SLIP_RELAXED, DIRECTION = range(8)
+THETA_1, THETA_2, SLIP, TRACTION, RESISTANCE, TORQUE, LOAD, SINKAGE, SIDE_FORCE, SLIP_ANGLE = range(10)
+X, SPEED, SNAG_ELAPSED, EXTERNAL_LOAD, PITCH, ACCELERATION, Y, HEADING, SIDE_SPEED, YAW_RATE, ROLL = range(11)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +78,7 @@ class PlantSettings:
     step_s: float = field(default=0.005, metadata={"doc": "integration step", "min": 1e-4, "max": 0.01})
     slip_relaxation_m: float = field(
         default=0.2,
-        metadata={"doc": "rim travel over which the shear under the wheel follows slip", "min": 0.0, "max": 2},
+        metadata={"doc": "rim travel over which the shear under the wheel follows slip", "min": 0.001, "max": 2},
     )
     drawbar_load_n: float = field(default=0.0, metadata={"doc": "constant horizontal load", "min": 0.0})
 
@@ -70,44 +89,59 @@ class PlantSettings:
 class Plant:
     """State and step of the simulated rover (or single wheel) on a terrain.
 
-    `wheels`, shape (6, W): rows omega [rad/s], angle [rad], excavated and pressed depth [m], |theta_2|/theta_1, relaxed
-    slip. `contact`, shape (8, W): theta_1, theta_2 (signed) [rad], true slip, F_t, R_c [N], T [N m], load [N], sinkage
-    [m]. `body`: x [m], v [m/s], time since the snag caught [s] (-1 before), external load [N], pitch [rad], dv/dt.
+    `wheels`, shape (8, W): rows omega [rad/s], angle [rad], excavated and pressed depth [m], standing share, relaxed
+    slip forward and sideways, direction (+-1). `contact`, shape (10, W): front and rear end of the contact (signed)
+    [rad], true slip, F_t, R_c [N] along the wheel's forward axis, T [N m], load [N], sinkage [m], side force [N] (left
+    positive), slip angle [rad]. `body`: x [m], v [m/s], time since the snag caught [s] (-1 before), external load [N],
+    pitch [rad], dv/dt, y [m], heading [rad], side speed [m/s], yaw rate [rad/s], roll [rad]. x, y are of the middle of
+    the front axle, speeds of the centre of gravity in the body's axes. `commands` [rad/s] and `steering` [rad], left
+    positive, shape (W,), are what is asked of the wheels; steering is taken at once.
     """
 
     def __init__(
-        self, rover: RoverDescription, terrain: Terrain, settings: PlantSettings, snag: Snag | None = None
+        self,
+        rover: RoverDescription,
+        terrain: Terrain,
+        settings: PlantSettings,
+        snag: Snag | None = None,
+        law: ContactLaw = MEASURED_LAW,
     ) -> None:
         wheels = rover.wheels
         self.settings = settings
+        self.suspension = suspension_of(rover)
+        self._law = law.row()
         self._samples = np.ascontiguousarray(terrain.samples)
         self._grid = terrain.grid
         self._geometry = np.array(
-            [[w.radius_m, w.width_m, w.x_m, w.load_share, w.y_m] for w in wheels], dtype=np.float64
+            [[w.radius_m, w.width_m, w.x_m, w.y_m, w.grouser_height_m] for w in wheels], dtype=np.float64
         ).T.copy()
         self._rover = np.array(
             [
                 rover.mass_kg,
                 rover.vertical_load_n,
-                rover.cg_height_m,
+                rover.yaw_inertia_kgm2 or _box_inertia(rover),
                 rover.rolling_loss_n,
                 rover.motor_lag_s,
-                rover.motor_acceleration_limit_radps2 or math.inf,
+                rover.motor_acceleration_limit_radps2,
                 settings.slip_relaxation_m,
                 settings.drawbar_load_n,
+                float(self._is_guided()),
             ]
         )
         self._snag = np.array([snag.x, snag.force, snag.duration] if snag else [math.inf, 0.0, 0.0])
         count = len(wheels)
-        self.wheels: FloatArray = np.zeros((6, count))
+        self.wheels: FloatArray = np.zeros((8, count))
         self.wheels[PRESSED] = 0.02
-        self.wheels[REAR_RATIO] = 1.0
+        self.wheels[STANDING] = 1.0
+        self.wheels[DIRECTION] = 1.0
         self.wheels[ANGLE] = 1.3 * np.arange(count)
-        self.contact: FloatArray = np.zeros((8, count))
-        self.body: FloatArray = np.zeros(6)
+        self.contact: FloatArray = np.zeros((10, count))
+        self.body: FloatArray = np.zeros(11)
         self.body[SNAG_ELAPSED] = -1.0
         self.commands: FloatArray = np.zeros(count)
-        self.advance(0)
+        self.steering: FloatArray = np.zeros(count)
+        for _ in range(3):  # tilt and loads follow the sinkage of the step before
+            self.advance(0)
 
     def advance(self, steps: int) -> None:
         """Integrate `steps` steps under the present commands; 0 only brings `contact` up to the state."""
@@ -118,143 +152,116 @@ class Plant:
             self.contact,
             self.body,
             self.commands,
+            self.steering,
             self._geometry,
             self._rover,
+            self.suspension.sides,
+            self.suspension.numbers,
+            self.suspension.wheels,
             self._snag,
+            self._law,
             self._samples,
             self._grid,
         )
 
     def ground_heights(self) -> FloatArray:
         """Height of the undisturbed surface under each wheel [m], shape (W,)."""
-        return _heights_kernel(self.body[X], self._geometry, self._samples, self._grid)
+        return _heights_kernel(self.body, self._geometry, self._samples, self._grid)
+
+    def _is_guided(self) -> bool:
+        """Whether all wheels are on one line, fore and aft."""
+        return bool(np.ptp(self._geometry[3]) == 0.0)
+
+
+def _box_inertia(rover: RoverDescription) -> float:
+    """Yaw inertia [kg m^2] of the mass spread evenly over the rectangle that the wheels cover."""
+    length = max(w.x_m + w.radius_m for w in rover.wheels) - min(w.x_m - w.radius_m for w in rover.wheels)
+    breadth = max(w.y_m + 0.5 * w.width_m for w in rover.wheels) - min(w.y_m - 0.5 * w.width_m for w in rover.wheels)
+    return rover.mass_kg * (length**2 + breadth**2) / 12.0
 
 
 @compiled
-def _heights_kernel(x: float, geometry: FloatArray, samples: FloatArray, grid: FloatArray) -> FloatArray:
+def _place_kernel(body: FloatArray, x: float, y: float) -> tuple[float, float]:
+    """World position of a point of the body [m]."""
+    cos_h, sin_h = math.cos(body[7]), math.sin(body[7])
+    return body[0] + cos_h * x - sin_h * y, body[6] + sin_h * x + cos_h * y
+
+
+@compiled
+def _heights_kernel(body: FloatArray, geometry: FloatArray, samples: FloatArray, grid: FloatArray) -> FloatArray:
     heights = np.empty(geometry.shape[1])
     for i in range(heights.size):
-        heights[i] = ground_grid.height_kernel(samples, grid, x + geometry[2, i], geometry[4, i])
+        x, y = _place_kernel(body, geometry[2, i], geometry[3, i])
+        heights[i] = height_kernel(samples, grid, x, y)
     return heights
 
 
 @compiled
-def _contact_kernel(
-    pressed: float,
-    excavated: float,
-    rear_ratio: float,
-    slip: float,
-    radius: float,
-    width: float,
-    modulus: float,
-    n: float,
-    cohesion: float,
-    tan_friction: float,
-    shear_modulus: float,
-) -> tuple[float, float, float, float, float, float]:
-    """theta_1, theta_2, F_t, R_c, F_z, T of a wheel that stands pressed + excavated deep."""
-    depth = min(pressed + excavated, DEEPEST_CONTACT * radius)
-    theta_1 = math.acos(1.0 - depth / radius)
-    theta_2 = max(-rear_ratio * theta_1, -REAR_LIMIT)
-    traction, resistance, vertical, torque = wheel_forces_kernel(
-        radius, width, modulus, n, cohesion, tan_friction, shear_modulus,
-        theta_1, theta_2, peak_angle_kernel(theta_1, slip), transport_ratio_kernel(slip),
-        pressed / (pressed + excavated),
-    )  # fmt: skip
-    return theta_1, theta_2, traction, resistance, vertical, torque
+def _relaxed_kernel(value: float, sliding: float, travel_speed: float, length: float, dt: float) -> float:
+    """Shear per relaxation length after a step: dq/dt = sliding - travel_speed q/length, q = length value; exact."""
+    share = travel_speed * dt / length
+    if share < 1e-9:
+        return min(max(value + dt * sliding / length, -1.0), 1.0)
+    steady = sliding / travel_speed
+    return min(max(steady + (value - steady) * math.exp(-share), -1.0), 1.0)
 
 
 @compiled
-def _pressed_depth_kernel(
-    load: float,
-    start: float,
-    excavated: float,
-    rear_ratio: float,
-    slip: float,
-    radius: float,
-    width: float,
-    modulus: float,
-    n: float,
-    cohesion: float,
-    tan_friction: float,
-    shear_modulus: float,
-) -> float:
-    """z_s that carries the load, by bracketed Newton from the last step's depth; the deepest if none does."""
-    least = 1e-6
-    most = max(min(1.2 * radius, 1.55 * radius - excavated), 2e-6)
-    low, high = least, most
-    depth = min(max(start, least), most)
-    small = 1e-7
-    for _ in range(60):
-        force = _contact_kernel(
-            depth, excavated, rear_ratio, slip, radius, width, modulus, n, cohesion, tan_friction, shear_modulus
-        )[4] - load  # fmt: skip
-        if force > 0.0:
-            high = depth
-        else:
-            low = depth
-        nearby = _contact_kernel(
-            depth + small, excavated, rear_ratio, slip, radius, width, modulus, n, cohesion, tan_friction, shear_modulus
-        )[4] - load  # fmt: skip
-        gradient = (nearby - force) / small
-        following = depth - force / gradient if gradient > 0.0 else 0.5 * (low + high)
-        if following >= most and force < 0.0 and depth >= most:
-            return most
-        if not low < following < high:
-            following = 0.5 * (low + high) if high < most or force > 0.0 else min(2.0 * depth + 1e-3, most)
-        if abs(following - depth) < 1e-11:
-            return following
-        depth = following
-    return depth
+def _slopes_kernel(ground: FloatArray, heading: float) -> tuple[float, float]:
+    """Slopes of the ground along a heading and across it, uphill to the left [rad]."""
+    rise_x, rise_y = math.tan(ground[1]), math.tan(ground[2])
+    cos_h, sin_h = math.cos(heading), math.sin(heading)
+    return math.atan(rise_x * cos_h + rise_y * sin_h), math.atan(rise_y * cos_h - rise_x * sin_h)
 
 
 @compiled
 def _move_wheel_kernel(
     state: FloatArray,
     command: float,
-    speed: float,
+    forward: float,
+    sideways: float,
     radius: float,
-    theta_1: float,
-    theta_2: float,
+    front: float,
+    rear: float,
     delta: float,
-    refill: float,
+    kappa: float,
+    slumping: float,
+    law: FloatArray,
     lag: float,
     acceleration_limit: float,
     dt: float,
 ) -> None:
-    """One step of a wheel's own state: dug depth, rear contact, angle and motor speed."""
+    """One step of a wheel's own state: dug depth, standing share, angle and motor speed."""
     omega = state[0]
-    length = radius * (math.sin(min(theta_1, 0.5 * math.pi)) + math.sin(-theta_2)) + 1e-3
-    digging = (delta * max(radius * omega - speed, 0.0) - speed * state[2]) / length
-    state[2] = min(max(state[2] + dt * (digging - refill * state[2]), 0.0), 1.2 * radius)
-    state[4] -= dt * speed / length * (state[4] - 0.1)
+    rim = radius * abs(omega)
+    along = max(forward * state[7], 0.0)
+    least, most = min(abs(front), abs(rear)), max(abs(front), abs(rear))
+    filling = excavation_rate_kernel(radius, most, -least, 0.0, rim, along, abs(sideways), delta, kappa, law)
+    emptied = filling - excavation_rate_kernel(radius, most, -least, 1.0, rim, along, abs(sideways), delta, kappa, law)
+    dug = (state[2] + dt * filling) / (1.0 + dt * (emptied + slumping))  # implicit: a small contact is a fast one
+    state[2] = min(max(dug, 0.0), DEEPEST_DUG * radius)
+    length = radius * (math.sin(min(most, 0.5 * math.pi)) + math.sin(min(least, 0.5 * math.pi))) + 1e-3
+    state[4] *= math.exp(-dt * abs(forward) / length)
     state[1] += omega * dt
     change = (command - omega) / lag if lag > 0.0 else (command - omega) / dt
     state[0] += min(max(change, -acceleration_limit), acceleration_limit) * dt
 
 
 @compiled
-def _body_pitch_kernel(
-    x: float,
-    geometry: FloatArray,
-    mean_x: float,
-    spread: float,
-    samples: FloatArray,
-    grid: FloatArray,
-) -> float:
-    """Pitch of the straight line through the ground under the wheels [rad]; one wheel: the ground's own slope."""
-    if spread <= 0.0:
-        fields = np.empty(samples.shape[2])
-        ground_grid.ground_kernel(samples, grid, x + geometry[2, 0], geometry[4, 0], fields)
-        return float(fields[ground_grid.SLOPE])
-    tilt = 0.0
-    for i in range(geometry.shape[1]):
-        tilt += (geometry[2, i] - mean_x) * ground_grid.height_kernel(samples, grid, x + geometry[2, i], geometry[4, i])
-    return math.atan(tilt / spread)
+def _turn_kernel(state: FloatArray, rim: float, forward: float) -> None:
+    """Which way the wheel drives: its rim decides, and on a locked wheel the ground; a turned wheel stands anew."""
+    turns = 0.0
+    if abs(rim) > REST_SPEED:
+        turns = rim
+    elif abs(forward) > REST_SPEED:
+        turns = forward
+    if turns * state[7] < 0.0:
+        state[7] = -state[7]
+        state[4] = 1.0
 
 
 @compiled
-def _hold_back_kernel(body: FloatArray, snag: FloatArray, dt: float) -> float:
+def _held_back_kernel(body: FloatArray, snag: FloatArray, dt: float) -> float:
     """Force of the snag [N]: it catches at its x, once, and lets go after its duration."""
     if body[2] < 0.0 and body[0] >= snag[0]:
         body[2] = 0.0
@@ -266,6 +273,143 @@ def _hold_back_kernel(body: FloatArray, snag: FloatArray, dt: float) -> float:
 
 
 @compiled
+def _tilt_and_loads_kernel(
+    weight: float,
+    contact: FloatArray,
+    body: FloatArray,
+    geometry: FloatArray,
+    sides: IntArray,
+    numbers: FloatArray,
+    places: FloatArray,
+    samples: FloatArray,
+    grid: FloatArray,
+    grounds: FloatArray,
+    loads: FloatArray,
+) -> None:
+    """The ground under every wheel into `grounds`, the body's tilt into `body`, and the weight on each wheel."""
+    count = loads.size
+    bottoms = np.empty(count)
+    pulls = np.empty(count)
+    for i in range(count):
+        x, y = _place_kernel(body, geometry[2, i], geometry[3, i])
+        ground_kernel(samples, grid, x, y, grounds[i])
+        bottoms[i] = grounds[i, 0] - contact[7, i]
+        pulls[i] = contact[3, i] - contact[4, i]
+    if count == 1:
+        body[4], body[10] = _slopes_kernel(grounds[0], body[7])
+    else:
+        body[4], body[10] = body_tilt_kernel(sides, numbers, places, bottoms)
+    wheel_loads_kernel(weight, body[4], body[10], pulls, sides, numbers, places, loads)
+
+
+@compiled
+def _law_on_kernel(law: FloatArray, refill_ratio: float, here: FloatArray) -> None:
+    """The contact law on a soil: what rises behind a wheel is soil that flows back, as much as the soil does so."""
+    here[:] = law
+    here[4] = law[4] * min(refill_ratio / MEASURED_REFILL, 1.0)
+
+
+@compiled
+def _wheel_kernel(
+    state: FloatArray,
+    seen: FloatArray,
+    weight_on: float,
+    ground: FloatArray,
+    pitch: float,
+    roll: float,
+    heading: float,
+    forward: float,
+    sideways: float,
+    radius: float,
+    width: float,
+    grouser: float,
+    relaxation: float,
+    law: FloatArray,
+    dt: float,
+) -> tuple[float, float, float]:
+    """Contact of one wheel into `seen`: what pushes it forward and to the left, and what only opposes its rolling [N].
+
+    `heading`, `forward` and `sideways` are of the wheel's plane, `pitch` and `roll` of the body along that plane.
+    """
+    rim = radius * state[0]
+    _turn_kernel(state, rim, forward)
+    direction = state[7]
+    travel = max(abs(rim), math.hypot(forward, sideways))
+    state[5] = _relaxed_kernel(state[5], rim - forward, travel, relaxation, dt)
+    state[6] = _relaxed_kernel(state[6], sideways, travel, relaxation, dt)
+    calm = DAMPING_TIME / relaxation * max(1.0 - travel / DAMPED_SPEED, 0.0)
+    slip_x = min(max(direction * (state[5] + calm * (rim - forward)), -1.0), 1.0)
+    slip_y = min(max(state[6] + calm * sideways, -1.0), 1.0)
+    om, along, across = kinematics_kernel(slip_x, abs(slip_y))
+    rise, lean = _slopes_kernel(ground, heading)
+    bump, tip = rise - pitch, lean - roll
+    load = weight_on * math.cos(bump) * math.cos(tip)
+    soil = np.empty(6)
+    soil[0] = ground[3] / width + ground[4]
+    soil[1], soil[2], soil[3], soil[4], soil[5] = ground[5], ground[6], ground[7], ground[8], ground[9]
+    here = np.empty(law.size)
+    _law_on_kernel(law, ground[11], here)
+    state[3] = pressed_depth_kernel(
+        load, state[3], radius, width, grouser, soil, here, state[2], state[4], om, along, across
+    )
+    entry, leave, thrust, resistance, side, _, torque = dug_wheel_kernel(
+        radius, width, grouser, soil, here, state[3], state[2], state[4], om, along, across
+    )
+    side_force = -side if slip_y > 0.0 else side
+    seen[0], seen[1] = (entry, leave) if direction > 0.0 else (-leave, -entry)
+    seen[2], seen[3], seen[4] = slip_kernel(forward, rim), direction * thrust, direction * resistance
+    seen[5], seen[6], seen[7], seen[8] = direction * torque, load, state[3] + state[2], side_force
+    seen[9] = math.atan2(sideways, abs(forward)) if travel > REST_SPEED else 0.0
+    # A resistance that pushes (a contact mostly behind the axle) is no hindrance.
+    push_x = direction * (thrust - min(resistance, 0.0)) - weight_on * math.sin(bump)
+    return push_x, side_force - weight_on * math.sin(tip), max(resistance, 0.0)
+
+
+@compiled
+def _move_body_kernel(
+    body: FloatArray,
+    push: FloatArray,
+    hindrances: FloatArray,
+    steering: FloatArray,
+    geometry: FloatArray,
+    rover: FloatArray,
+    centre_x: float,
+    centre_y: float,
+    dt: float,
+) -> None:
+    """One step of the body under pushes (forward, left [N], yaw [N m]) and what only opposes motion."""
+    mass, inertia = rover[0], rover[2]
+    is_guided = rover[8] > 0.0
+    speed, side_speed, yaw_rate = body[1], body[8], body[9]
+    freely_x = speed + dt * (push[0] / mass + side_speed * yaw_rate)
+    freely_y = 0.0 if is_guided else side_speed + dt * (push[1] / mass - speed * yaw_rate)
+    freely_yaw = 0.0 if is_guided else yaw_rate + dt * push[2] / inertia
+    # What only opposes motion takes away no more than the motion there is: it brings to rest within a step, no further.
+    held = body[3] if freely_x > 0.0 else 0.0
+    at_once = dt * (hindrances.sum() + held) / mass
+    new_x, new_y, new_yaw = freely_x, freely_y, freely_yaw
+    if at_once > 0.0:
+        new_x -= dt * held / mass * freely_x / max(abs(freely_x), at_once)
+        for i in range(hindrances.size):
+            arm_x, arm_y = geometry[2, i] - centre_x, geometry[3, i] - centre_y
+            cos_s, sin_s = math.cos(steering[i]), math.sin(steering[i])
+            rolling = cos_s * (freely_x - freely_yaw * arm_y) + sin_s * (freely_y + freely_yaw * arm_x)
+            against = hindrances[i] * rolling / max(abs(rolling), at_once)
+            new_x -= dt * cos_s * against / mass
+            new_y -= dt * sin_s * against / mass
+            new_yaw -= dt * (arm_x * sin_s - arm_y * cos_s) * against / inertia
+    if is_guided:
+        new_y = new_yaw = 0.0
+    body[5] = (new_x - speed) / dt - new_y * new_yaw
+    body[1], body[8], body[9] = new_x, new_y, new_yaw
+    body[7] += new_yaw * dt
+    cos_h, sin_h = math.cos(body[7]), math.sin(body[7])
+    drift, ahead = new_y - new_yaw * centre_x, new_x + new_yaw * centre_y
+    body[0] += dt * (cos_h * ahead - sin_h * drift)
+    body[6] += dt * (sin_h * ahead + cos_h * drift)
+
+
+@compiled
 def _advance_kernel(
     steps: int,
     step_length: float,
@@ -273,67 +417,50 @@ def _advance_kernel(
     contact: FloatArray,
     body: FloatArray,
     commands: FloatArray,
+    steering: FloatArray,
     geometry: FloatArray,
     rover: FloatArray,
+    sides: IntArray,
+    numbers: FloatArray,
+    places: FloatArray,
     snag: FloatArray,
+    law: FloatArray,
     samples: FloatArray,
     grid: FloatArray,
 ) -> None:
     count = wheels.shape[1]
-    mass, weight, cg_height, rolling_loss = rover[0], rover[1], rover[2], rover[3]
-    lag, acceleration_limit, relaxation, drawbar_load = rover[4], rover[5], rover[6], rover[7]
+    weight, relaxation = rover[1], rover[6]
     dt = step_length if steps > 0 else 0.0
-    mean_x = geometry[2].mean()
-    spread = ((geometry[2] - mean_x) ** 2).sum()
-    ground = np.empty(samples.shape[2])
+    grounds = np.empty((count, samples.shape[2]))
+    loads = np.empty(count)
+    hindrances = np.empty(count)
+    push = np.empty(3)
     for _ in range(max(steps, 1)):
-        x, speed = body[0], body[1]
-        body[4] = _body_pitch_kernel(x, geometry, mean_x, spread, samples, grid)
-        # The weight acts cg_height above the ground: uphill it leans on the rear axles.
-        transfer = -weight * math.sin(body[4]) * cg_height / spread if spread > 0.0 else 0.0
-        drive = 0.0
-        drag = drawbar_load
+        _tilt_and_loads_kernel(weight, contact, body, geometry, sides, numbers, places, samples, grid, grounds, loads)
+        pitch, roll = body[4], body[10]
+        push[0], push[1], push[2] = -weight * math.sin(pitch), -weight * math.sin(roll) * math.cos(pitch), 0.0
         for i in range(count):
-            radius, width = geometry[0, i], geometry[1, i]
-            ground_grid.ground_kernel(samples, grid, x + geometry[2, i], geometry[4, i], ground)
-            slope = ground[ground_grid.SLOPE]
-            share = geometry[3, i] * weight
-            load = max(share * math.cos(slope) + transfer * (geometry[2, i] - mean_x), 0.05 * share)
-            drag += share * math.sin(slope) + rolling_loss
-            state = wheels[:, i]
-            rim_speed = radius * state[0]
-            slip = slip_kernel(speed, rim_speed)
-            travel = dt * max(abs(rim_speed), abs(speed))
-            state[5] += min(travel / relaxation, 1.0) * (slip - state[5]) if relaxation > 0.0 else slip - state[5]
-            modulus = ground[ground_grid.K_C] / width + ground[ground_grid.K_PHI]
-            n, cohesion, tan_friction, shear_modulus = (
-                ground[ground_grid.N],
-                ground[ground_grid.COHESION],
-                ground[ground_grid.TAN_FRICTION],
-                ground[ground_grid.SHEAR_MODULUS],
-            )
-            delta, refill = ground[ground_grid.EXCAVATION], ground[ground_grid.REFILL_RATE]
-            state[3] = _pressed_depth_kernel(
-                load, state[3], state[2], state[4], state[5],
-                radius, width, modulus, n, cohesion, tan_friction, shear_modulus,
+            arm_x, arm_y = geometry[2, i] - numbers[0], geometry[3, i] - numbers[1]
+            cos_s, sin_s = math.cos(steering[i]), math.sin(steering[i])
+            over_x, over_y = body[1] - body[9] * arm_y, body[8] + body[9] * arm_x
+            forward, sideways = cos_s * over_x + sin_s * over_y, cos_s * over_y - sin_s * over_x
+            rise, lean = math.tan(pitch), math.tan(roll)
+            push_x, push_y, resistance = _wheel_kernel(
+                wheels[:, i], contact[:, i], loads[i], grounds[i], math.atan(rise * cos_s + lean * sin_s),
+                math.atan(lean * cos_s - rise * sin_s), body[7] + steering[i], forward, sideways,
+                geometry[0, i], geometry[1, i], geometry[4, i], relaxation, law, dt,
             )  # fmt: skip
-            theta_1, theta_2, traction, resistance, _, torque = _contact_kernel(
-                state[3], state[2], state[4], state[5],
-                radius, width, modulus, n, cohesion, tan_friction, shear_modulus,
-            )  # fmt: skip
-            contact[0, i], contact[1, i], contact[2, i] = theta_1, theta_2, slip
-            contact[3, i], contact[4, i], contact[5, i] = traction, resistance, torque
-            contact[6, i], contact[7, i] = load, state[3] + state[2]
-            pull = traction - resistance
-            drive += min(pull, 0.0) if state[0] < 1e-3 else pull
+            force_x, force_y = cos_s * push_x - sin_s * push_y, sin_s * push_x + cos_s * push_y
+            push[0] += force_x
+            push[1] += force_y
+            push[2] += arm_x * force_y - arm_y * force_x
+            hindrances[i] = resistance + rover[3]
             if steps > 0:
                 _move_wheel_kernel(
-                    state, commands[i], speed, radius, theta_1, theta_2, delta, refill, lag, acceleration_limit, dt
-                )
-        held = _hold_back_kernel(body, snag, dt)
-        drag += held
-        body[3] = held + drawbar_load
-        # Passive resistance holds a standing rover but never drives it backwards.
-        body[5] = 0.0 if speed < 1e-6 and drive <= drag else (drive - drag) / mass
-        body[1] = max(speed + body[5] * dt, 0.0)
-        body[0] = x + body[1] * dt
+                    wheels[:, i], commands[i], forward, sideways, geometry[0, i], contact[0, i], contact[1, i],
+                    grounds[i, 10], grounds[i, 11], grounds[i, 12], law, rover[4], rover[5], dt,
+                )  # fmt: skip
+        held = _held_back_kernel(body, snag, dt)
+        body[3] = held + rover[7]
+        if steps > 0:
+            _move_body_kernel(body, push, hindrances, steering, geometry, rover, numbers[0], numbers[1], dt)

@@ -17,6 +17,7 @@ from sim_bridge.painted_strap import StrapFlaws, paint
 from sim_bridge.plant import Plant
 from sim_bridge.scenarios import Scenario, Site
 from sim_bridge.strap_faults import SPARE_ID, FaultyStrap, StrapFault
+from sim_bridge.suspension import joint_angles
 from sim_bridge.virtual_uno import VirtualUno
 from strap_rover.arrays import BoolArray, FloatArray, IntArray
 from strap_rover.rover import RoverDescription, StrapInput
@@ -101,10 +102,10 @@ class GroundTruth:
 
     stamp_ns: int
     per_wheel: FloatArray
-    """Shape (W, 9): sinkage, excavated [m], slip, theta_1, theta_2 [rad], drawbar pull, traction [N], torque [N m],
-    load [N]."""
+    """Shape (W, 11): sinkage, excavated [m], slip, theta_1, theta_2 [rad], drawbar pull, traction [N], torque [N m],
+    load, side force [N], slip angle [rad]."""
     whole_rover: FloatArray
-    """Shape (4,): x [m], speed [m/s], body pitch [rad], external load [N]."""
+    """Shape (7,): x [m], speed [m/s], body pitch [rad], external load [N], y [m], heading, roll [rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -258,8 +259,7 @@ class World:
         self._step_ns = round(scenario.plant.step_s * NS)
         self._scan_ns, self.period_ns, self._truth_ns = periods_ns(self.sensors, scenario)
         self._half_scan_us = scan_duration_us(self.sensors.osr) // 2
-        self._axle_span = self._suspension_geometry()
-        self._wheel_x = [wheel.x_m for wheel in rover.wheels]
+        self._front_axle = [index for index, wheel in enumerate(rover.wheels) if wheel.x_m == 0.0]
         self.now_ns = 0
         self.epoch_ns = 0
         """What stamps count from: added to the world's own time, which begins with 0 [ns]."""
@@ -403,7 +403,7 @@ class World:
         sensors, body = self.sensors, self.plant.body
         stamp_ns = self.epoch_ns + self.now_ns
         count = len(self.rover.wheels)
-        noise = self._rng.standard_normal(2 * count + 3 + len(self.rover.suspension_joints))
+        noise = self._rng.standard_normal(2 * count + 6 + len(self.rover.suspension_joints))
         angle = self.plant.wheels[p.ANGLE].copy()
         if sensors.encoder_step_rad > 0.0:
             angle = np.round(angle / sensors.encoder_step_rad) * sensors.encoder_step_rad
@@ -414,41 +414,51 @@ class World:
             self.plant.contact[p.TORQUE] + sensors.torque_noise_nm * noise[count : 2 * count],
         )
         rest = noise[2 * count :].tolist()
-        heights = self.plant.ground_heights().tolist()
+        heights = self.plant.ground_heights()
         motion = BodyMotion(
             stamp_ns,
             float(body[p.X]) + sensors.position_noise_m * rest[0],
-            0.0,
-            heights[0],
-            float(body[p.SPEED]) + sensors.speed_noise_mps * rest[1],
+            float(body[p.Y]) + sensors.position_noise_m * rest[1],
+            float(heights[self._front_axle].mean()),
+            float(body[p.SPEED]) + sensors.speed_noise_mps * rest[2],
             sensors.speed_noise_mps,
+            _wrapped(float(body[p.HEADING]) + sensors.attitude_noise_rad * rest[3]),
         )
         true_pitch = float(body[p.PITCH])
-        pitch = true_pitch + sensors.attitude_noise_rad * rest[2]
+        orientation = _orientation(
+            motion.heading,
+            true_pitch + sensors.attitude_noise_rad * rest[4],
+            float(body[p.ROLL]) + sensors.attitude_noise_rad * rest[5],
+        )
         acceleration = float(body[p.ACCELERATION]) + self.rover.gravity_mps2 * math.sin(true_pitch)
-        attitude = Attitude(stamp_ns, (0.0, -math.sin(0.5 * pitch), 0.0, math.cos(0.5 * pitch)), acceleration)
-        joints = self._suspension_angles(true_pitch, heights, rest[3:])
+        attitude = Attitude(stamp_ns, orientation, acceleration)
+        joints = np.array(joint_angles(self.plant.suspension, heights - self.plant.contact[p.SINKAGE], true_pitch))
+        joints += sensors.joint_noise_rad * noise[2 * count + 6 :]
         truth = self.ground_truth() if self.now_ns % self._truth_ns == 0 else None
         return WorldReport(wheel_states, motion, attitude, Suspension(stamp_ns, joints), truth)
 
     def ground_truth(self) -> GroundTruth:
         """The world as it is now."""
         contact, body = self.plant.contact, self.plant.body
+        forward = self.plant.wheels[p.DIRECTION] > 0.0
         per_wheel = np.stack(
             (
                 contact[p.SINKAGE],
                 self.plant.wheels[p.EXCAVATED],
                 contact[p.SLIP],
-                contact[p.THETA_1],
-                contact[p.THETA_2],
+                np.where(forward, contact[p.THETA_1], contact[p.THETA_2]),
+                np.where(forward, contact[p.THETA_2], contact[p.THETA_1]),
                 contact[p.TRACTION] - contact[p.RESISTANCE],
                 contact[p.TRACTION],
                 contact[p.TORQUE],
                 contact[p.LOAD],
+                contact[p.SIDE_FORCE],
+                contact[p.SLIP_ANGLE],
             ),
             axis=1,
         )
-        whole = np.array([body[p.X], body[p.SPEED], body[p.PITCH], body[p.EXTERNAL_LOAD]])
+        rows = (p.X, p.SPEED, p.PITCH, p.EXTERNAL_LOAD, p.Y, p.HEADING, p.ROLL)
+        whole = np.array([body[row] for row in rows])
         return GroundTruth(self.epoch_ns + self.now_ns, per_wheel, whole)
 
     def _painted(self, seed: int) -> list[FaultyStrap]:
@@ -472,30 +482,20 @@ class World:
         spare = next(iter(found.values()))
         return _Inputs([found.get(channel, spare) for channel in range(3)])
 
-    def _suspension_geometry(self) -> list[tuple[int, int, int]]:
-        """(front, middle, rear) wheel indices per side, left then right; empty without suspension joints."""
-        joints, wheels = self.rover.suspension_joints, self.rover.wheels
-        if not joints:
-            return []
-        sides = [
-            sorted((i for i, wheel in enumerate(wheels) if (wheel.y_m > 0.0) == left), key=lambda i: -wheels[i].x_m)
-            for left in (True, False)
-        ]
-        if len(joints) != 4 or [len(side) for side in sides] != [3, 3]:
-            raise ValueError(
-                f"rover {self.rover.name!r}: suspension_joints are simulated for rocker and bogie of three wheels per "
-                f"side, left then right, not for {len(joints)} joints on {len(sides[0])} + {len(sides[1])} wheels; "
-                "leave the list empty"
-            )
-        return [(front, middle, rear) for front, middle, rear in sides]
 
-    def _suspension_angles(self, pitch: float, heights: list[float], noise: list[float]) -> FloatArray:
-        """Rocker and bogie of each side [rad], from the wheels' heights, relative to the body."""
-        angles = [self.sensors.joint_noise_rad * sample for sample in noise]
-        sinkage = self.plant.contact[p.SINKAGE].tolist()
-        for side, wheels in enumerate(self._axle_span):
-            (x_1, z_1), (x_2, z_2), (x_3, z_3) = ((self._wheel_x[i], heights[i] - sinkage[i]) for i in wheels)
-            pivot_x, pivot_z = 0.5 * (x_2 + x_3), 0.5 * (z_2 + z_3)
-            angles[2 * side] += math.atan2(z_1 - pivot_z, x_1 - pivot_x) - pitch
-            angles[2 * side + 1] += math.atan2(z_2 - z_3, x_2 - x_3) - pitch
-        return np.array(angles)
+def _wrapped(angle: float) -> float:
+    """The same direction in [-pi, pi]."""
+    return math.remainder(angle, _FULL_TURN)
+
+
+def _orientation(heading: float, pitch: float, roll: float) -> tuple[float, float, float, float]:
+    """Quaternion (x, y, z, w) of a body headed left by `heading`, nose up by `pitch`, right side down by `roll`."""
+    (sin_h, cos_h), (sin_p, cos_p), (sin_r, cos_r) = (
+        (math.sin(0.5 * angle), math.cos(0.5 * angle)) for angle in (heading, -pitch, roll)
+    )
+    return (
+        sin_r * cos_p * cos_h - cos_r * sin_p * sin_h,
+        cos_r * sin_p * cos_h + sin_r * cos_p * sin_h,
+        cos_r * cos_p * sin_h - sin_r * sin_p * cos_h,
+        cos_r * cos_p * cos_h + sin_r * sin_p * sin_h,
+    )

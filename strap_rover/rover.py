@@ -51,6 +51,9 @@ class WheelDescription:
             "max": 2.0 * math.pi,
         },
     )
+    grouser_height_m: float = field(
+        default=0.0, metadata={"doc": "of the grousers beyond radius_m; 0: a smooth rim [m]", "min": 0.0, "max": 0.5}
+    )
 
     @property
     def has_second_strap(self) -> bool:
@@ -94,6 +97,16 @@ class RoverDescription:
     )
     suspension_joints: tuple[str, ...] = field(metadata={"doc": "names of the rocker and bogie joints; may be empty"})
     wheels: tuple[WheelDescription, ...] = field(metadata={"doc": "the wheels, in joint order"})
+    rocker_pivot_height_m: float = field(
+        default=0.0, metadata={"doc": "above the ground, with suspension_joints [m]", "min": 0.0, "max": 20.0}
+    )
+    bogie_pivot_height_m: float = field(
+        default=0.0, metadata={"doc": "above the ground, with suspension_joints [m]", "min": 0.0, "max": 20.0}
+    )
+    yaw_inertia_kgm2: float = field(
+        default=0.0,
+        metadata={"doc": "about the vertical; 0: of a uniform box over the wheels [kg m^2]", "min": 0.0, "max": 1e8},
+    )
 
     def __post_init__(self) -> None:
         check_settings(self, elsewhere=("wheels",))

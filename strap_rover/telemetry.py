@@ -32,13 +32,15 @@ class BodyMotion:
 
     stamp_ns: int
     x: float
-    """Distance along the path of the reference point, the front axle [m]."""
+    """Of the middle of the front axle in the odom frame [m]; y and z likewise."""
     y: float
     z: float
     speed: float
     """Forward speed in the body frame [m/s]."""
     speed_std: float
     """1-sigma of `speed` [m/s]."""
+    heading: float = 0.0
+    """Of the body x axis in the odom frame, left positive [rad], in (-pi, pi]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -210,12 +210,17 @@ GROUND_TRUTH = Topic(
         Quantity("traction", "N", "gross thrust F_t"),
         Quantity("torque", "N m", "torque at the wheel"),
         Quantity("load", "N", "vertical load"),
+        Quantity("side_force", "N", "force of the soil on the wheel, left positive"),
+        Quantity("slip_angle", "rad", "of the wheel's motion from its plane, left positive"),
     ),
     whole_rover=(
         Quantity("x", "m", "front axle position"),
         Quantity("speed", "m/s", "true body speed"),
         Quantity("slope", "rad", "body pitch"),
         Quantity("external_load", "N", "snag or drawbar load, against the motion"),
+        Quantity("y", "m", "front axle position, left positive"),
+        Quantity("heading", "rad", "of the body, left positive"),
+        Quantity("roll", "rad", "of the body, right side down positive"),
     ),
     always_present=False,
 )

@@ -1,5 +1,6 @@
 """Telemetry records <-> the standard messages they travel in, bit for bit."""
 
+import math
 import struct
 
 import numpy as np
@@ -130,6 +131,7 @@ def body_motion_message(motion: BodyMotion) -> bytes:
     """Serialized Odometry: pose in the odom frame, speed in the body frame, variance of the speed."""
     values = _ODOMETRY_BLANK.copy()
     values[:3] = motion.x, motion.y, motion.z
+    values[5:7] = math.sin(0.5 * motion.heading), math.cos(0.5 * motion.heading)
     values[_ODOMETRY_SPEED] = motion.speed
     values[_ODOMETRY_SPEED_VARIANCE] = motion.speed_std * motion.speed_std
     return _ODOMETRY.encode(motion.stamp_ns, values)
@@ -140,16 +142,19 @@ def body_motion(message: bytes | Odometry) -> BodyMotion:
     read = _ODOMETRY.decode(message) if isinstance(message, bytes) else None
     if read is not None:
         stamp_ns, values = read
-        x, y, z = values[:3].tolist()
+        x, y, z, qx, qy, qz, qw = values[:7].tolist()
         speed, variance = float(values[_ODOMETRY_SPEED]), float(values[_ODOMETRY_SPEED_VARIANCE])
     else:
         odometry = deserialize_message(message, Odometry) if isinstance(message, bytes) else message
         position, twist = odometry.pose.pose.position, odometry.twist
+        q = odometry.pose.pose.orientation
+        qx, qy, qz, qw = q.x, q.y, q.z, q.w
         stamp_ns, x, y, z = ns_from_time(odometry.header.stamp), position.x, position.y, position.z
         speed, variance = twist.twist.linear.x, float(twist.covariance[0])
     if not variance >= 0.0:
         raise MessageError(f"odom: twist.covariance[0] = {variance} is no variance; publish one >= 0")
-    return BodyMotion(stamp_ns, x, y, z, speed, variance**0.5)
+    heading = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
+    return BodyMotion(stamp_ns, x, y, z, speed, variance**0.5, heading)
 
 
 def attitude_message(attitude: Attitude) -> bytes:
