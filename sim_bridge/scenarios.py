@@ -18,9 +18,9 @@ from sim_bridge.terrain import (
     Stretch,
     Terrain,
     build_terrain,
-    composite_terrain,
     ramp,
 )
+from sim_bridge.terrain_generator import composite_terrain
 from strap_rover.rover import RoverDescription
 from strap_rover.terramechanics.soil import TABLE_II, Soil, soil_from_de_st
 
@@ -108,13 +108,9 @@ def snag_scenario(case: SnagCase, name: str = "mars_snag") -> Scenario:
     )
 
 
-def _outer_tracks(rover: RoverDescription) -> list[float]:
-    places = [wheel.y_m for wheel in rover.wheels]
-    return sorted({min(places), max(places)})
-
-
 def _composite_site(rover: RoverDescription, rng: np.random.Generator) -> Site:
-    return Site(composite_terrain(rng, _outer_tracks(rover), 60.0), None, MappingProxyType({}))
+    terrain = composite_terrain(rng, 60.0).under_gravity(rover.gravity_mps2)
+    return Site(terrain, None, MappingProxyType({}))
 
 
 def _single_wheel_site(_rover: RoverDescription, _rng: np.random.Generator) -> Site:
@@ -133,7 +129,7 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
             snag_scenario(REFERENCE_SNAG),
             Scenario(
                 name="composite",
-                meaning="Curiosity crosses 60 m of rock, firm sand and soft patches, different left and right",
+                meaning="Curiosity crosses 60 m of stones, rock, firm sand and soft patches, different left and right",
                 rover="curiosity",
                 speed_mps=0.4,
                 duration_s=120.0,

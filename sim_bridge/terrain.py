@@ -5,16 +5,20 @@ interpolation. x runs along the path from the start of the front axle; y is the 
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
+from scipy.ndimage import convolve1d
 
-from strap_rover.arrays import FloatArray
-from strap_rover.terramechanics.ground_grid import FIELDS, HEIGHT, SLOPE, ground_kernel
-from strap_rover.terramechanics.soil import MARS_DRY_SAND, TABLE_II, Soil, soil_from_de_st
+from strap_rover.arrays import FloatArray, IntArray
+from strap_rover.terramechanics.ground_grid import CROSS_SLOPE, FIELDS, HEIGHT, K_C, SLOPE, UNIT_WEIGHT, ground_kernel
+from strap_rover.terramechanics.soil import MARS_DRY_SAND, Soil, soil_from_de_st
 
-MARS_SAND_UNIT_WEIGHT = 1500.0 * 3.711
+MARS_GRAVITY = 3.711
+"""Acceleration of gravity on Mars [m/s^2]."""
+MARS_SAND_UNIT_WEIGHT = 1500.0 * MARS_GRAVITY
 """gamma [N/m^3] of loose sand (1500 kg/m^3) under the gravity of Mars."""
 EARTH_SAND_UNIT_WEIGHT = 1500.0 * 9.81
 """gamma [N/m^3] of loose sand (1500 kg/m^3) under the gravity of the Earth."""
@@ -64,9 +68,33 @@ ROCK = Ground(
         shear_deformation_modulus=1e-3,
     ),
     excavation_depth=0.0,
-    unit_weight=2600.0 * 3.711,
+    unit_weight=2600.0 * MARS_GRAVITY,
 )
 """Stone as a very stiff, undiggable soil: a Curiosity wheel stands on it with a contact of a few degrees."""
+
+
+_SOFT = soil_from_de_st(0.3, 0.385)
+SOFT_TRAPPING = Ground(_SOFT, excavation_depth=0.02)
+"""Soft sand that never flows back: an ASSUMPTION, the one that reproduces the burials of the source paper."""
+SOFT_REFILLING = Ground(_SOFT, excavation_depth=0.08, refill_ratio=3.0)
+"""The same sand flowing back as measured sands do: at little slip it is dug as deep, at much slip far less."""
+GROUNDS: Mapping[str, Ground] = MappingProxyType(
+    {
+        "firm_sand": FIRM_SAND,
+        "rock": ROCK,
+        "soft_refilling_sand": SOFT_REFILLING,
+        "soft_trapping_sand": SOFT_TRAPPING,
+    }
+)
+"""Grounds by the name that terrain files and commands call them by; unit weights as on Mars."""
+
+
+def ground_named(name: str) -> Ground:
+    """The ground called `name`; ValueError names the known ones."""
+    try:
+        return GROUNDS[name]
+    except KeyError:
+        raise ValueError(f"no soil {name!r}; known: {', '.join(sorted(GROUNDS))}") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +160,14 @@ class Terrain:
         ground_kernel(self.samples, self.grid, x, y, fields)
         return fields
 
+    def under_gravity(self, gravity: float, made_for: float = MARS_GRAVITY) -> "Terrain":
+        """The same ground where gravity is another [m/s^2]: unit weights are in proportion."""
+        if gravity == made_for:
+            return self
+        samples = self.samples.copy()
+        samples[..., UNIT_WEIGHT] *= gravity / made_for
+        return replace(self, samples=samples)
+
 
 def build_terrain(
     tracks: Sequence[tuple[float, Sequence[Stretch]]],
@@ -169,45 +205,28 @@ def build_terrain(
     return Terrain(x_start, spacing, float(places[0]), float(gaps[0]) if gaps.size else 1.0, samples)
 
 
+def mapped_terrain(
+    grid: FloatArray, height: FloatArray, soil: IntArray, soils: FloatArray, blend: float = BLEND_LENGTH
+) -> Terrain:
+    """Terrain from maps of height [m] and soil, both of shape (rows, stations); slopes are those of the heights.
+
+    `grid` as of a Terrain. `soil` says which row of `soils`, shape (S, fields) as `Ground.row` makes them, lies where;
+    a soil gives way to its neighbour over `blend` [m], 0 for at once.
+    """
+    samples: FloatArray = soils[soil]
+    for axis, spacing in ((0, float(grid[3])), (1, float(grid[1]))):
+        width = 2 * int(0.5 * blend / spacing) + 1
+        if width > 1 and samples.shape[axis] > 1:
+            samples = convolve1d(samples, np.full(width, 1.0 / width), axis=axis, mode="nearest")
+    samples[..., :K_C] = 0.0
+    samples[..., HEIGHT] = height
+    samples[..., SLOPE] = np.arctan(np.gradient(height, grid[1], axis=1))
+    if height.shape[0] > 1:
+        samples[..., CROSS_SLOPE] = np.arctan(np.gradient(height, grid[3], axis=0))
+    x_start, x_spacing, y_start, y_spacing = grid.tolist()
+    return Terrain(x_start, x_spacing, y_start, y_spacing, samples)
+
+
 def ramp(start: float, length: float, angle: float) -> Callable[[FloatArray], FloatArray]:
     """Slope profile [rad]: level up to `start` [m], then growing to `angle` over `length` [m], then constant."""
     return lambda x: np.asarray(angle * np.clip((x - start) / length, 0.0, 1.0))
-
-
-def composite_terrain(rng: np.random.Generator, track_y: Sequence[float], length: float) -> Terrain:
-    """Seeded mixture of rock, firm sand and soft patches, different left and right, on gentle slopes and ripples."""
-    tracks = []
-    for y in track_y:
-        x = float(rng.uniform(4.0, 7.0))
-        stretches = [Stretch(-math.inf, FIRM_SAND)]
-        while x < length:
-            stretches.append(Stretch(x, _random_ground(rng)))
-            x += float(rng.uniform(1.5, 7.0))
-        tracks.append((y, stretches))
-    waves = [(float(rng.uniform(4.0, 25.0)), float(rng.uniform(0.0, 2.0 * math.pi))) for _ in range(4)]
-    steepness = np.radians(rng.uniform(0.5, 2.0, size=len(waves)))
-
-    def slope(x: FloatArray) -> FloatArray:
-        total = sum(
-            a * np.sin(2.0 * math.pi * x / span + phase) for a, (span, phase) in zip(steepness, waves, strict=True)
-        )
-        return np.asarray(total * np.clip(x / 3.0, 0.0, 1.0))
-
-    return build_terrain(tracks, slope, x_end=length + 10.0)
-
-
-def _random_ground(rng: np.random.Generator) -> Ground:
-    kind = rng.choice(("rock", "firm", "table", "soft"), p=(0.2, 0.25, 0.25, 0.3))
-    if kind == "rock":
-        return ROCK
-    if kind == "firm":
-        return FIRM_SAND
-    if kind == "table":
-        name = rng.choice(("S1", "S3", "S4", "S8", "S10", "S13", "S17", "S18", "S19", "S21"))
-        bekker = TABLE_II[str(name)]
-        soil = Soil(
-            bekker.n, bekker.k_c, bekker.k_phi, float(rng.uniform(300.0, 2000.0)), math.radians(rng.uniform(24.0, 34.0))
-        )
-        return Ground(soil, float(rng.uniform(0.008, 0.02)))
-    soft = soil_from_de_st(float(rng.uniform(0.1, 0.3)), float(rng.uniform(0.38, 0.55)))
-    return Ground(soft, float(rng.uniform(0.012, 0.025)))

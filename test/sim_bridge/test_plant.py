@@ -32,7 +32,8 @@ from sim_bridge.plant import (
     Snag,
     X,
 )
-from sim_bridge.terrain import FIRM_SAND, ROCK, Ground, Stretch, Terrain, build_terrain, composite_terrain, ramp
+from sim_bridge.terrain import FIRM_SAND, ROCK, Ground, Stretch, Terrain, build_terrain, ramp
+from sim_bridge.terrain_generator import composite_terrain
 from strap_rover.arrays import FloatArray
 from strap_rover.rover import RoverDescription, WheelDescription, load_rover
 from strap_rover.terramechanics.contact import Wheel, solve_sinkage
@@ -573,7 +574,7 @@ def test_halving_the_step_changes_the_climb_by_less_than_a_percent() -> None:
 
 def composite_run(chunks: int) -> bytes:
     rover = load_rover("curiosity")
-    plant = Plant(rover, composite_terrain(np.random.default_rng(5), [1.1, -1.1], 30.0), PlantSettings())
+    plant = Plant(rover, composite_terrain(np.random.default_rng(5), 30.0), PlantSettings())
     plant.commands[:] = 1.5
     for _ in range(chunks):
         plant.advance(4000 // chunks)

@@ -8,13 +8,16 @@ from scipy.integrate import quad
 
 from sim_bridge.terrain import (
     BLEND_LENGTH,
+    EARTH_SAND_UNIT_WEIGHT,
     FIRM_SAND,
+    MARS_GRAVITY,
     ROCK,
     Ground,
     Stretch,
     Terrain,
     build_terrain,
-    composite_terrain,
+    ground_named,
+    mapped_terrain,
     ramp,
 )
 from strap_rover.arrays import FloatArray
@@ -168,32 +171,43 @@ def test_rock_carries_a_curiosity_wheel_on_a_few_degrees() -> None:
     assert ROCK.excavation_depth == 0.0
 
 
-def test_composite_terrain_is_its_seed() -> None:
-    one, same, other = (composite_terrain(np.random.default_rng(s), [1.1, -1.1], 60.0) for s in (3, 3, 4))
-    assert one.samples.tobytes() == same.samples.tobytes()
-    assert np.array_equal(one.grid, same.grid)
-    assert one.samples.shape == other.samples.shape
-    assert not np.array_equal(one.samples, other.samples)
+def test_a_map_of_heights_and_soils_becomes_a_terrain() -> None:
+    x, y = np.arange(0.0, 4.0, 0.05), np.arange(-1.0, 1.01, 0.1)
+    height = 0.1 * x + 0.2 * y[:, None]
+    soil = np.where((x > 2.0) & (y[:, None] > 0.0), 1, 0)
+    rows = np.array([FIRM_SAND.row(), SOFT.row()])
+    terrain = mapped_terrain(np.array([x[0], 0.05, y[0], 0.1]), height, soil, rows)
+    there = terrain.at(3.0, 0.5)
+    assert there[HEIGHT] == pytest.approx(0.4)
+    assert there[[SLOPE, CROSS_SLOPE]] == pytest.approx([math.atan(0.1), math.atan(0.2)])
+    assert there[K_C:] == pytest.approx(SOFT.row()[K_C:])
+    for x_firm, y_firm in ((3.0, -0.5), (1.0, 0.5), (1.0, -0.5)):
+        assert terrain.at(x_firm, y_firm)[K_C:] == pytest.approx(FIRM_SAND.row()[K_C:])
+    across = np.array([terrain.at(place, 0.5)[K_PHI] for place in np.linspace(1.5, 2.5, 101)])
+    assert (np.diff(across) <= ROUNDING * across[0]).all()
+    assert np.ptp(np.flatnonzero(np.diff(across) < -1.0)) * 0.01 == pytest.approx(BLEND_LENGTH, abs=0.06)
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_composite_terrain_is_a_mixture_one_can_start_on(seed: int) -> None:
-    terrain = composite_terrain(np.random.default_rng(seed), [1.1, -1.1], 60.0)
-    assert terrain.x_end >= 60.0
-    right, left = terrain.samples
-    assert terrain.at(0.0, -1.1)[K_PHI] == terrain.at(0.0, 1.1)[K_PHI] == FIRM_SAND.soil.k_phi
-    assert np.array_equal(left[:, SLOPE], right[:, SLOPE])
-    assert not np.array_equal(left[:, N], right[:, N])
-    assert len(np.unique(left[:, K_PHI])) > 5
-    assert (terrain.samples[..., K_C] / 0.4 + terrain.samples[..., K_PHI] > 0.0).all()
-    assert np.degrees(np.abs(terrain.samples[..., SLOPE]).max()) <= 4 * 2.0
-    assert terrain.at(0.0, 0.0)[SLOPE] == 0.0
+def test_a_map_without_blend_changes_soil_from_point_to_point() -> None:
+    soil = np.array([[0, 0, 1, 1]])
+    rows = np.array([FIRM_SAND.row(), SOFT.row()])
+    terrain = mapped_terrain(np.array([0.0, 0.1, 0.0, 1.0]), np.zeros((1, 4)), soil, rows, blend=0.0)
+    assert np.array_equal(terrain.samples[0, :, K_PHI], rows[soil[0], K_PHI])
 
 
-def test_composite_terrain_draws_nothing_from_the_global_generator() -> None:
-    before = np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002 - it must stay unused
-    composite_terrain(np.random.default_rng(1), [0.0], 20.0)
-    assert np.random.get_state()[1].tobytes() == before  # type: ignore[index]  # noqa: NPY002
+def test_under_another_gravity_only_the_unit_weight_changes() -> None:
+    mars = two_soils()
+    earth = mars.under_gravity(9.81)
+    assert earth.at(0.0, 0.0)[UNIT_WEIGHT] == pytest.approx(EARTH_SAND_UNIT_WEIGHT)
+    others = [field for field in range(len(FIELDS)) if field != UNIT_WEIGHT]
+    assert np.array_equal(earth.samples[..., others], mars.samples[..., others])
+    assert mars.under_gravity(MARS_GRAVITY) is mars
+
+
+def test_grounds_are_known_by_name() -> None:
+    assert ground_named("rock") is ROCK
+    with pytest.raises(ValueError, match=r"no soil 'mud'; known: firm_sand, rock, soft_refilling_sand, soft_"):
+        ground_named("mud")
 
 
 def samples_with(field: int, value: float) -> FloatArray:
