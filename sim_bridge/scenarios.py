@@ -113,13 +113,72 @@ def _composite_site(rover: RoverDescription, rng: np.random.Generator) -> Site:
     return Site(terrain, None, MappingProxyType({}))
 
 
-def _single_wheel_site(_rover: RoverDescription, _rng: np.random.Generator) -> Site:
+@dataclass(frozen=True, slots=True)
+class StandCase:
+    """What varies on the single-wheel test stand: soil S11 of Table II, how it is dug, and the load put in."""
+
+    stiffness: float = 1.0
+    """Factor on k_c and k_phi."""
+    st: float = 0.6
+    """Stickiness; the source paper does not state it for its S11."""
+    excavation_depth_m: float = 0.02
+    refill_ratio: float = 0.0
+    drawbar_load_n: float = 40.0
+
+
+REFERENCE_STAND = StandCase()
+"""The reference case: S11 that keeps the hole a wheel digs, and 40 N to pull."""
+_STAND_DIGGING = MappingProxyType(
+    {
+        "trapping": ((0.01, 0.03), (0.0, 0.5)),
+        "refilling": ((0.025, 0.082), (3.0, 3.0)),
+    }
+)
+"""Kind of sand -> range of delta [m] and of kappa. Refilling spans the two sands it was measured on."""
+
+
+def random_stand_case(rng: np.random.Generator, sand: str) -> StandCase:
+    """One member of the randomised family on sand that is `trapping` or `refilling`; both draw the same rest."""
+    (least_delta, most_delta), (least_kappa, most_kappa) = _STAND_DIGGING[sand]
+    stiffness, st, load = rng.uniform(0.8, 1.25), rng.uniform(0.57, 0.63), rng.uniform(38.0, 50.0)
+    return StandCase(
+        stiffness=float(stiffness),
+        st=float(st),
+        excavation_depth_m=float(rng.uniform(least_delta, most_delta)),
+        refill_ratio=float(rng.uniform(least_kappa, most_kappa)),
+        drawbar_load_n=float(load),
+    )
+
+
+def stand_ground(case: StandCase) -> Ground:
+    """The sand of a case."""
     bekker = TABLE_II["S11"]
-    shear = soil_from_de_st(0.5, 0.6)
-    soil = Soil(bekker.n, bekker.k_c, bekker.k_phi, shear.cohesion, shear.friction_angle)
-    ground = Ground(soil, 0.02, unit_weight=EARTH_SAND_UNIT_WEIGHT)
-    track = (0.0, (Stretch(-math.inf, ground),))
-    return Site(build_terrain([track], np.zeros_like, x_end=20.0), None, MappingProxyType({"st": 0.6}))
+    shear = soil_from_de_st(0.5, case.st)
+    soil = Soil(
+        bekker.n, case.stiffness * bekker.k_c, case.stiffness * bekker.k_phi, shear.cohesion, shear.friction_angle
+    )
+    return Ground(soil, case.excavation_depth_m, refill_ratio=case.refill_ratio, unit_weight=EARTH_SAND_UNIT_WEIGHT)
+
+
+def stand_scenario(case: StandCase, name: str = "single_wheel", duration_s: float = 20.0) -> Scenario:
+    """The test-stand wheel with the numbers of `case`."""
+
+    def build(_rover: RoverDescription, _rng: np.random.Generator) -> Site:
+        track = (0.0, (Stretch(-math.inf, stand_ground(case)),))
+        facts = {item: float(getattr(case, item)) for item in StandCase.__slots__}
+        return Site(build_terrain([track], np.zeros_like, x_end=20.0), None, MappingProxyType(facts))
+
+    return Scenario(
+        name=name,
+        meaning="a 1 kg test-stand wheel under 70 N pulls 40 N through soil S11",
+        rover="single_wheel",
+        speed_mps=0.1,
+        duration_s=duration_s,
+        # 1 kg answers a slip error within a millisecond: short steps; a long relaxation would ring, none at all
+        # makes the start a limit cycle.
+        plant=PlantSettings(step_s=0.00025, slip_relaxation_m=0.002, drawbar_load_n=case.drawbar_load_n),
+        build=build,
+    )
 
 
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
@@ -136,17 +195,7 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
                 plant=PlantSettings(),
                 build=_composite_site,
             ),
-            Scenario(
-                name="single_wheel",
-                meaning="a 1 kg test-stand wheel under 70 N pulls 40 N through soil S11",
-                rover="single_wheel",
-                speed_mps=0.1,
-                duration_s=20.0,
-                # 1 kg answers a slip error within a millisecond: short steps; a long relaxation would ring, none at all
-                # makes the start a limit cycle.
-                plant=PlantSettings(step_s=0.00025, slip_relaxation_m=0.002, drawbar_load_n=40.0),
-                build=_single_wheel_site,
-            ),
+            stand_scenario(REFERENCE_STAND),
         )
     }
 )

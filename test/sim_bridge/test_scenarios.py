@@ -7,12 +7,16 @@ import pytest
 from sim_bridge.plant import Snag
 from sim_bridge.scenarios import (
     REFERENCE_SNAG,
+    REFERENCE_STAND,
     SCENARIOS,
     SnagCase,
+    StandCase,
     random_snag_case,
+    random_stand_case,
     scenario_named,
     snag_scenario,
     snag_site,
+    stand_scenario,
 )
 from strap_rover.rover import load_rover
 from strap_rover.terramechanics import ground_grid
@@ -99,3 +103,30 @@ def test_the_composite_ground_follows_the_seed_and_differs_left_and_right():
 def test_the_snag_does_not_depend_on_the_seed():
     build = scenario_named("mars_snag").build
     np.testing.assert_array_equal(build(ROVER, rng(1)).terrain.samples, build(ROVER, rng(2)).terrain.samples)
+
+
+def test_the_reference_stand_is_soil_s11_with_the_load_put_in():
+    scenario = stand_scenario(REFERENCE_STAND)
+    ground = scenario.build(load_rover("single_wheel"), rng()).terrain.at(1.0, 0.0)
+    shear = soil_from_de_st(0.5, 0.6)
+    expected = [259e3, 1643e3, 1.74, shear.cohesion, math.tan(shear.friction_angle)]
+    np.testing.assert_allclose(ground[ground_grid.K_C : ground_grid.TAN_FRICTION + 1], expected)
+    assert (ground[ground_grid.EXCAVATION], ground[ground_grid.REFILL_RATIO]) == (0.02, 0.0)
+    assert scenario.plant.drawbar_load_n == 40.0
+    stiff = stand_scenario(StandCase(stiffness=1.2, drawbar_load_n=45.0))
+    other = stiff.build(load_rover("single_wheel"), rng()).terrain.at(1.0, 0.0)
+    np.testing.assert_allclose(other[[ground_grid.K_C, ground_grid.K_PHI]], [1.2 * 259e3, 1.2 * 1643e3])
+    assert stiff.plant.drawbar_load_n == 45.0
+
+
+def test_members_of_the_stand_differ_between_sands_in_digging_alone():
+    trapping = [random_stand_case(rng(seed), "trapping") for seed in range(40)]
+    refilling = [random_stand_case(rng(seed), "refilling") for seed in range(40)]
+    for one, other in zip(trapping, refilling, strict=True):
+        assert (one.stiffness, one.st, one.drawbar_load_n) == (other.stiffness, other.st, other.drawbar_load_n)
+        assert one.refill_ratio < 0.5 < other.refill_ratio == 3.0
+        assert one.excavation_depth_m < other.excavation_depth_m or one.excavation_depth_m < 0.03
+    loads = [case.drawbar_load_n for case in trapping]
+    assert 38.0 <= min(loads) < 40.0
+    assert 48.0 < max(loads) <= 50.0
+    assert len({case.stiffness for case in trapping}) == 40
