@@ -5,12 +5,12 @@ A scenario is a recipe; `build` makes the terrain from the run's own random gene
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 
-from sim_bridge.plant import PlantSettings, Snag
+from sim_bridge.plant import MEASURED_REFILL, PlantSettings, Snag
 from sim_bridge.terrain import (
     EARTH_SAND_UNIT_WEIGHT,
     FIRM_SAND,
@@ -62,14 +62,20 @@ class SnagCase:
     de: float = 0.3
     st: float = 0.385
     excavation_depth_m: float = 0.02
-    refill_rate: float = 0.0
-    slope_deg: float = 9.0
+    refill_ratio: float = 0.0
+    slope_deg: float = 7.0
     snag_n: float = 600.0
     snag_s: float = 10.0
 
 
 REFERENCE_SNAG = SnagCase()
-"""The reference case: soft sand on a 9 deg slope, and a 600 N snag that holds for 10 s."""
+"""The reference case: soft trapping sand on a 7 deg slope, and a 600 N snag that holds for 10 s."""
+
+
+def on_refilling_sand(case: SnagCase) -> SnagCase:
+    """The same case on sand that flows back as measured sands do: dug as deep at little slip, far less at much."""
+    depth = case.excavation_depth_m * (1.0 + MEASURED_REFILL - case.refill_ratio)
+    return replace(case, refill_ratio=MEASURED_REFILL, excavation_depth_m=depth)
 
 
 def random_snag_case(rng: np.random.Generator) -> SnagCase:
@@ -78,7 +84,7 @@ def random_snag_case(rng: np.random.Generator) -> SnagCase:
         de=float(rng.uniform(0.2, 0.4)),
         st=float(rng.uniform(0.34, 0.44)),
         excavation_depth_m=float(rng.uniform(0.01, 0.035)),
-        slope_deg=float(rng.uniform(6.0, 10.5)),
+        slope_deg=float(rng.uniform(4.0, 8.5)),
         snag_n=float(rng.uniform(300.0, 900.0)),
         snag_s=float(rng.uniform(4.0, 14.0)),
     )
@@ -86,8 +92,9 @@ def random_snag_case(rng: np.random.Generator) -> SnagCase:
 
 def snag_site(case: SnagCase) -> Site:
     """Firm Mars sand, then soft sand and a slope from 23 m on, and a snag at 28 m: met by position, not by time."""
-    soft = Ground(soil_from_de_st(case.de, case.st), case.excavation_depth_m, case.refill_rate)
-    stretches = (Stretch(-math.inf, FIRM_SAND), Stretch(SNAG_SOFT_FROM_M, soft))
+    soft = Ground(soil_from_de_st(case.de, case.st), case.excavation_depth_m, refill_ratio=case.refill_ratio)
+    firm = replace(FIRM_SAND, refill_ratio=case.refill_ratio)
+    stretches = (Stretch(-math.inf, firm), Stretch(SNAG_SOFT_FROM_M, soft))
     slope = ramp(SNAG_SOFT_FROM_M, SNAG_RAMP_M, math.radians(case.slope_deg))
     facts = {name: float(getattr(case, name)) for name in SnagCase.__slots__}
     return Site(

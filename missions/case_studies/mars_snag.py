@@ -2,12 +2,13 @@
 
 Runs without ROS on all cores. Every member is one draw from the study's seed; each controller meets the same member.
 The two kinds of soil of the plant are reported apart: `trapping` sand keeps the hole a wheel digs (the source paper's
-assumption), `refilling` sand slumps back.
+assumption), `refilling` sand flows back into it as measured sands do.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -23,13 +24,15 @@ from missions.stop_request import never
 from missions.summary import Outcome, summarize
 from sim_bridge.plant import SNAG_ELAPSED, SPEED
 from sim_bridge.plant import X as BODY_X
-from sim_bridge.scenarios import SNAG_X_M, SnagCase, random_snag_case, snag_scenario
+from sim_bridge.scenarios import SNAG_X_M, SnagCase, on_refilling_sand, random_snag_case, snag_scenario
 from sim_bridge.world import World
 
 FAMILY_SEED = 20200503
 """Members are drawn from this; nothing was tuned on them."""
-REFILL_RATES = {"trapping": 0.0, "refilling": 0.2}
-"""1/tau_s of the two kinds of soil [1/s]."""
+SOILS: Mapping[str, Callable[[SnagCase], SnagCase]] = MappingProxyType(
+    {"trapping": lambda case: case, "refilling": on_refilling_sand}
+)
+"""The two kinds of sand a member is met on."""
 _COLUMNS = {
     "controller": "controller",
     "runs": "runs",
@@ -72,8 +75,8 @@ def family(runs: int) -> list[Job]:
     jobs = []
     for member, source in enumerate(np.random.SeedSequence(FAMILY_SEED).spawn(runs)):
         case = random_snag_case(np.random.default_rng(source))
-        for soil, rate in REFILL_RATES.items():
-            jobs += [Job(member, soil, controller, replace(case, refill_rate=rate)) for controller in CONTROLLERS]
+        for soil, on_soil in SOILS.items():
+            jobs += [Job(member, soil, controller, on_soil(case)) for controller in CONTROLLERS]
     return jobs
 
 
@@ -133,7 +136,7 @@ def _result_from(item: Mapping[str, Any]) -> Result:
 def study_result(results: Sequence[Result], runs: int, *, short: bool) -> StudyResult:
     """The family as a record that a report can read. The source has no such family, so there are no claims of it."""
     words = []
-    for soil in REFILL_RATES:
+    for soil in SOILS:
         off = {
             controller: sum(
                 r.outcome == Outcome.DROVE_OFF.value for r in results if (r.soil, r.controller) == (soil, controller)
@@ -153,7 +156,7 @@ def study_result(results: Sequence[Result], runs: int, *, short: bool) -> StudyR
         ),
         claims=(),
         tables=tuple(family_tables(results)),
-        charts=tuple(_depth_chart(results, soil) for soil in REFILL_RATES),
+        charts=tuple(_depth_chart(results, soil) for soil in SOILS),
     )
 
 
@@ -169,7 +172,7 @@ def _depth_chart(results: Sequence[Result], soil: str) -> Chart:
 def tabulate(results: Sequence[Result]) -> list[dict[str, object]]:
     """Per soil kind and controller: outcomes and sinkage."""
     table: list[dict[str, object]] = []
-    for soil in REFILL_RATES:
+    for soil in SOILS:
         for controller in CONTROLLERS:
             chosen = [r for r in results if r.soil == soil and r.controller == controller]
             if not chosen:
@@ -194,5 +197,5 @@ def family_tables(results: Sequence[Result]) -> list[PlainTable]:
             tuple(_COLUMNS.values()),
             tuple(tuple(str(row[key]) for key in _COLUMNS) for row in rows if row["soil"] == soil),
         )
-        for soil in REFILL_RATES
+        for soil in SOILS
     ]
