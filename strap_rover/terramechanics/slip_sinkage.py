@@ -9,16 +9,23 @@ Motions are mirrored so that the wheel drives forward, and normalised so that th
 om is the rim's speed, (v_x, v_y) the hub's in the wheel's frame, V its size.
 
     z = z_s + z_e                          pressed and excavated depth;  cos theta_1 = 1 - z/r
-    L_c dz_e/dt = delta u - (v_x + kappa om + kappa_y v_y) z_e,   u^2 = (om - v_x)^2 + (w_y v_y)^2
+    L_c dz_e/dt = delta u - f z_e,         u = |om - v_x| + w_y v_y,   f = v_x + kappa om chi + kappa_y v_y
     theta_2 = -rho theta_1,                rho = rho_inf (1 - exp(-(z/(r z_rho))^2))
     theta_m = min(a_1 + a_2 (1 - exp(-s_c/s_0)), limit) theta_1,   s_c = |(om - v_x, v_y)|/max(om, V)
     sigma = (k_c/b + k_phi) [r (cos a - cos theta_1) z_s/z]^n      a as in `contact`
-    j_t = r_s (theta_1 - theta) - r v_x/om (sin theta_1 - sin theta),   j_l = r (theta_1 - theta) v_y/om
+    j_t = r_s (theta_1 - theta) - r v_x/om (sin theta_1 - sin theta)
+    j_l = lambda_y r v_y/om (sin theta_1 - sin theta)
     |tau| = (c + sigma tan phi_w) (1 - exp(-|j|/K)), along (j_t, j_l)
     side face: F_s = v_y/V int N_b gamma h^2 r cos theta, h = r (cos theta - cos theta_1)
+               forward F_s (mu_s tan phi_w (om - v_x)/max(om, V) - mu_d v_x/V)
 
 z_s is the depth at which the vertical force carries the load. A refill ratio kappa above zero says that soil which the
 rim has carried round falls back into the rut: without it the depth at slip s, delta s/(1 - s + kappa), has no bound.
+A wheel that moves sideways leaves that soil beside its track: chi = (v_x + e om)/(V + e om).
+
+Grousers of height h shear at r_s = r + lambda_s h (Ding et al., J. Terramechanics 48, 2011; lambda_s from 0 to 1), grip
+forward with (1 + g h/r) tau, and carry away a layer eta h of which only a share kappa_g falls back. Slip stays that of
+the rim. Known for h up to 0.1 r.
 """
 
 import math
@@ -80,19 +87,43 @@ class ContactLaw:
     """rho_inf: |theta_2|/theta_1 of a wheel that stands deep."""
     rear_depth: float = 0.144
     """z_rho: depth over radius over which the soil comes up behind the wheel, > 0."""
-    bulldozing_factor: float = 7.0
-    """N_b: passive pressure on the side face over gamma h, >= 0. (K_p/2 of a plane wall is five times too small.)"""
-    lateral_digging: float = 1.4
+    bulldozing_factor: float = 10.0
+    """N_b: passive pressure on the side face over gamma h, >= 0. (K_p/2 of a plane wall is several times too small.)"""
+    lateral_digging: float = 1.55
     """w_y: how much more a wheel digs sideways than along, >= 0."""
-    lateral_refill: float = 0.0
+    lateral_refill: float = 0.95
     """kappa_y: share of the rut that sideways motion fills, >= 0."""
-    grouser_share: float = 0.5
+    lateral_shear: float = 1.28
+    """lambda_y: how much sooner shear is mobilised sideways than along, > 0."""
+    side_friction: float = 0.57
+    """mu_s: share of tan phi_w with which the turning side face rubs, >= 0."""
+    side_drag: float = 0.73
+    """mu_d: drag of the wedge that the side face pushes along, over the side force, >= 0."""
+    refill_reach: float = 0.05
+    """e: hub speed over rim speed below which sideways drift no longer leaves the carried soil behind, > 0."""
+    grouser_share: float = 0.25
     """lambda_s: share of the grousers' height by which the sheared cylinder exceeds the rim, 0 to 1."""
+    grouser_grip: float = 3.2
+    """g: gain of forward shear per h/r, >= 0."""
+    grouser_digging: float = 0.5
+    """eta: thickness of the layer that grousers carry away over their height, >= 0."""
+    grouser_refill: float = 0.05
+    """kappa_g: kappa of that layer, >= 0."""
 
     def __post_init__(self) -> None:
-        for name in ("peak_slip", "rear_depth"):
+        for name in ("peak_slip", "rear_depth", "lateral_shear", "refill_reach"):
             self._require(name, math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0, "> 0")
-        for name in ("peak_gain", "bulldozing_factor", "lateral_digging", "lateral_refill"):
+        for name in (
+            "peak_gain",
+            "bulldozing_factor",
+            "lateral_digging",
+            "lateral_refill",
+            "side_friction",
+            "side_drag",
+            "grouser_grip",
+            "grouser_digging",
+            "grouser_refill",
+        ):
             self._require(name, math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0, ">= 0")
         for name in ("peak_offset", "rear_ratio", "grouser_share"):
             self._require(name, 0.0 <= getattr(self, name) <= 1.0, "in [0, 1]")
@@ -221,7 +252,7 @@ def _stress_panel_kernel(
     is_front: bool,
     soil: tuple[float, float, float, float, float],
     geometry: tuple[float, float, float, float, float, float],
-    motion: tuple[float, float, float],
+    motion: tuple[float, float, float, float],
 ) -> tuple[float, float, float, float, float]:
     """Integrals of tau_t cos, sigma sin, tau_l, tau_t sin + sigma cos and tau_t over one panel of the contact.
 
@@ -233,7 +264,7 @@ def _stress_panel_kernel(
         return traction, resistance, lateral, vertical, torque
     modulus, n, cohesion, tan_friction, shear_modulus = soil
     theta_1, theta_2, theta_m, cos_1, sin_1, pressed_radius = geometry
-    per_arc, per_travel, per_side = motion
+    per_arc, per_travel, per_side, grip = motion
     for i in range(_NODES if clustering != 0 else _BRAKING_NODES):
         if clustering == 1:
             theta = start - length * _T_SQUARED[i]
@@ -254,16 +285,15 @@ def _stress_panel_kernel(
         sin_theta = math.sin(theta)
         sigma = modulus * (pressed_radius * depth) ** n
         along = per_arc * (theta_1 - theta) - per_travel * (sin_1 - sin_theta)
-        aside = per_side * (theta_1 - theta)
+        aside = per_side * (sin_1 - sin_theta)
         strength = cohesion + sigma * tan_friction
         if aside == 0.0:
             tau = strength * (1.0 - math.exp(-abs(along) / shear_modulus))
-            if along < 0.0:
-                tau = -tau
+            tau *= grip if along > 0.0 else -1.0
         else:
             j = math.sqrt(along * along + aside * aside)
             per_length = strength * (1.0 - math.exp(-j / shear_modulus)) / j
-            tau = per_length * along
+            tau = per_length * along * (grip if along > 0.0 else 1.0)
             lateral += per_length * aside * weight
         traction += tau * cos_theta * weight
         resistance += sigma * sin_theta * weight
@@ -299,7 +329,7 @@ def _shear_reversal_kernel(upper: float, lower: float, theta_1: float, per_arc: 
 def _contact_kernel(
     soil: tuple[float, float, float, float, float],
     geometry: tuple[float, float, float, float, float, float],
-    motion: tuple[float, float, float],
+    motion: tuple[float, float, float, float],
 ) -> tuple[float, float, float, float, float]:
     """The integrals of `_stress_panel_kernel` over the whole contact."""
     theta_1, theta_2, theta_m = geometry[0], geometry[1], geometry[2]
@@ -360,7 +390,8 @@ def dug_wheel_kernel(
     """(theta_1, theta_2, F_t, R_c, F_y, F_z, T) of a wheel that stands `pressed` + `excavated` deep.
 
     `soil` and `law` are the rows of DiggableSoil and ContactLaw, (om, v_x, v_y) the normalised motion, v_y >= 0.
-    theta_2 <= 0. F_y >= 0 is the size of the force against v_y, the side face included; its friction is in F_t and T.
+    theta_2 <= 0. F_y >= 0 is the size of the force against v_y, the side face included; the friction and drag of that
+    face are in F_t, its friction in T.
     """
     depth = pressed + excavated
     share = pressed / depth if depth > 0.0 else 1.0
@@ -375,18 +406,20 @@ def dug_wheel_kernel(
     theta_m = (1.0 - standing) * peak * theta_1
     ground = (soil[0], soil[1], soil[2], soil[3], soil[4])
     geometry = (theta_1, theta_2, theta_m, cos_1, math.sin(theta_1), radius * share)
-    shear_radius = radius + law[9] * grouser_height
-    motion = (shear_radius, radius * vx / om, radius * vy / om)
+    shear_radius = radius + law[13] * grouser_height
+    grip = 1.0 + law[14] * grouser_height / radius
+    motion = (shear_radius, radius * vx / om, law[9] * radius * vy / om, grip)
     traction, resistance, lateral, vertical, torque = _contact_kernel(ground, geometry, motion)
     area = radius * width
     side = 0.0
     if vy > 0.0 and hub > 0.0:
         side = vy / hub * law[6] * soil[5] * _side_face_kernel(radius, theta_1, theta_2)
-    rubbing = soil[3] * side * (om - vx) / fastest
+    rubbing = law[10] * soil[3] * side * (om - vx) / fastest
+    drag = law[11] * side * vx / max(hub, 1e-12)
     return (
         theta_1,
         theta_2,
-        area * traction + rubbing,
+        area * traction + rubbing - drag,
         area * resistance,
         area * lateral + side,
         area * vertical,
@@ -535,6 +568,28 @@ def _crest_kernel(low: float, high: float, case: _Case) -> tuple[float, float]:
 
 
 @compiled
+def _exchange_kernel(
+    rim_speed: float, vx: float, vy: float, delta: float, kappa: float, grouser_height: float, law: FloatArray
+) -> tuple[float, float]:
+    """Soil carried away [m^2/s], and the speed [m/s] at which the rut fills per depth; z_e is steady at their ratio.
+
+    Two layers are dug, the rim's and the grousers', each with its own refill; z_e of both falls back at one rate.
+    """
+    carried = delta * (abs(rim_speed - vx) + law[7] * vy)
+    lugs = law[15] * grouser_height * max(rim_speed - vx, 0.0)  # a braked wheel's grousers dig no deeper than its rim
+    along = abs(vx)
+    reach = law[12] * rim_speed
+    hub = math.sqrt(vx * vx + vy * vy)
+    returning = rim_speed * (along + reach) / (hub + reach) if hub + reach > 0.0 else 0.0
+    passing = along + law[8] * vy
+    filling = passing + kappa * returning
+    if lugs > 0.0:
+        lug_filling = passing + min(kappa, law[16]) * returning
+        filling *= (carried + lugs) * lug_filling / max(carried * lug_filling + lugs * filling, 1e-300)
+    return carried + lugs, filling
+
+
+@compiled
 def excavation_rate_kernel(
     radius: float,
     theta_1: float,
@@ -546,32 +601,36 @@ def excavation_rate_kernel(
     delta: float,
     kappa: float,
     law: FloatArray,
+    grouser_height: float = 0.0,
 ) -> float:
     """dz_e/dt [m/s] from the mirrored speeds [m/s], rim_speed >= 0, v_y >= 0; a hub that runs backwards refills too.
 
-    Explicit Euler needs steps below L_c/(2 (v_x + kappa rim_speed)).
+    Linear in z_e: explicit Euler needs steps below L_c/(2 (v_x + kappa rim_speed)). The caller keeps z_e to
+    DEEPEST_EXCAVATED radii.
     """
+    digging, filling = _exchange_kernel(rim_speed, vx, vy, delta, kappa, grouser_height, law)
     front = math.sin(min(theta_1, 0.5 * math.pi))
     length = radius * max(front + math.sin(abs(theta_2)), SHORTEST_CONTACT)
-    digging = math.sqrt((rim_speed - vx) ** 2 + (law[7] * vy) ** 2)
-    filling = abs(vx) + kappa * rim_speed + law[8] * vy
-    rate = (delta * digging - filling * excavated) / length
-    if rate > 0.0 and excavated >= DEEPEST_EXCAVATED * radius:
-        return 0.0
-    return float(rate)
+    return (digging - filling * excavated) / length
 
 
 @compiled
 def steady_excavation_kernel(
-    radius: float, om: float, vx: float, vy: float, delta: float, kappa: float, law: FloatArray
+    radius: float,
+    om: float,
+    vx: float,
+    vy: float,
+    delta: float,
+    kappa: float,
+    law: FloatArray,
+    grouser_height: float = 0.0,
 ) -> float:
     """z_e [m] at which as much soil falls back as is carried away."""
-    digging = math.sqrt((om - vx) ** 2 + (law[7] * vy) ** 2)
-    filling = abs(vx) + kappa * om + law[8] * vy
+    digging, filling = _exchange_kernel(om, vx, vy, delta, kappa, grouser_height, law)
     deepest = DEEPEST_EXCAVATED * radius
-    if delta * digging >= deepest * filling:
-        return deepest if delta * digging > 0.0 else 0.0
-    return float(delta * digging / filling)
+    if digging >= deepest * filling:
+        return deepest if digging > 0.0 else 0.0
+    return float(digging / filling)
 
 
 @compiled
@@ -590,7 +649,7 @@ def _steady_batch_kernel(
     """Rows of `out`: z, z_e, theta_1, theta_2, F_t, R_c, F_y, F_z, T."""
     for i in range(load.size):
         om, vx, vy = motion[0, i], motion[1, i], motion[2, i]
-        excavated = steady_excavation_kernel(radius, om, vx, vy, delta, kappa, law)
+        excavated = steady_excavation_kernel(radius, om, vx, vy, delta, kappa, law, grouser_height)
         pressed = pressed_depth_kernel(
             load[i], 0.0, radius, width, grouser_height, soil, law, excavated, 0.0, om, vx, vy
         )

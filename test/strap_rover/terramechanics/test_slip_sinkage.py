@@ -1,17 +1,28 @@
 import itertools
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from strap_rover.terramechanics.contact import Wheel
 from strap_rover.terramechanics.slip_sinkage import (
+    DEEPEST_EXCAVATED,
     LOCKED_RIM,
     MEASURED_LAW,
     ContactLaw,
     DiggableSoil,
+    deepest_pressed_kernel,
     dug_wheel_kernel,
+    excavation_rate_kernel,
+    kinematics_kernel,
+    pressed_depth_kernel,
+    rear_ratio_kernel,
+    steady_excavation_kernel,
+    steady_wheel,
 )
 from strap_rover.terramechanics.soil import Soil
 
@@ -76,10 +87,11 @@ def by_quadrature(
         h = max(r * (math.cos(a) - math.cos(theta_1)), 0.0) * pressed / z
         sigma = soil.modulus(b) * h**soil.n
         along = shear_radius * (theta_1 - theta) - r * vx / om * (math.sin(theta_1) - math.sin(theta))
-        aside = r * (theta_1 - theta) * vy / om
+        aside = law.lateral_shear * r * vy / om * (math.sin(theta_1) - math.sin(theta))
         j = math.hypot(along, aside)
         tau = (soil.cohesion + sigma * tan_phi) * (1.0 - math.exp(-j / soil.shear_deformation_modulus))
-        return sigma, tau * along / j if j else 0.0, tau * aside / j if j else 0.0
+        grip = 1.0 + law.grouser_grip * grouser_height / r if along > 0.0 else 1.0
+        return sigma, grip * tau * along / j if j else 0.0, tau * aside / j if j else 0.0
 
     def integral(of) -> float:
         cuts = np.linspace(theta_2, theta_m, 40), np.linspace(theta_m, theta_1, 40)
@@ -95,11 +107,12 @@ def by_quadrature(
     lateral = integral(lambda t: stresses(t)[2])
     face = quad(lambda t: (r * (math.cos(t) - math.cos(theta_1))) ** 2 * r * math.cos(t), theta_2, theta_1)[0]
     side = vy / speed * law.bulldozing_factor * ground.unit_weight * face if speed else 0.0
-    rubbing = tan_phi * side * (om - vx) / max(om, speed)
+    rubbing = law.side_friction * tan_phi * side * (om - vx) / max(om, speed)
+    drag = law.side_drag * side * vx / speed if speed else 0.0
     return {
         "theta_1": theta_1,
         "theta_2": theta_2,
-        "traction": traction + rubbing,
+        "traction": traction + rubbing - drag,
         "resistance": integral(lambda t: stresses(t)[0] * math.sin(t)),
         "lateral": lateral + side,
         "vertical": integral(lambda t: stresses(t)[0] * math.cos(t) + stresses(t)[1] * math.sin(t)),
@@ -132,3 +145,271 @@ def test_the_kernel_integrates_the_law_as_it_is_written(ground, motion):
         names = ("traction", "resistance", "lateral", "vertical")
         assert got[2:6] == pytest.approx([wanted[name] for name in names], abs=QUADRATURE * largest)
         assert got[6] == pytest.approx(wanted["torque"], abs=QUADRATURE * largest * WHEEL.radius)
+
+
+def steady(slip, angle=0.0, ground=SAND, load=80.0, wheel=WHEEL, grouser_height=0.0):
+    return steady_wheel(wheel, ground, load, slip, angle, grouser_height=grouser_height)
+
+
+def test_the_load_is_carried_at_every_slip_and_slip_angle():
+    slip, angle = np.meshgrid(np.linspace(-1.0, 1.0, 21), np.linspace(-1.4, 1.4, 9))
+    for ground in (SAND, LOAM):
+        got = steady(slip, angle, ground)
+        assert got.solved.all()
+        assert got.vertical == pytest.approx(np.full(slip.shape, 80.0), rel=2e-8)
+        assert (got.excavated >= 0.0).all()
+        assert (got.sinkage > got.excavated).all()
+
+
+def test_a_wheel_sinks_deeper_the_more_it_slips_and_the_more_it_carries():
+    driving = np.linspace(0.0, 1.0, 11)
+    assert (np.diff(steady(driving).sinkage) > 0.0).all()
+    assert (np.diff(steady(0.4, load=np.geomspace(1.0, 400.0, 12)).sinkage) > 0.0).all()
+    braking = steady(-driving)
+    assert (np.diff(braking.sinkage[1:]) > 0.0).all()
+    assert (np.diff(braking.drawbar_pull) < 0.0).all()
+
+
+def test_a_soil_that_is_not_dug_keeps_its_sinkage_and_one_that_refills_bounds_it():
+    firm = DiggableSoil(SAND.soil, 0.0, 3.0)
+    assert (steady(np.linspace(0.0, 1.0, 6), ground=firm).excavated == 0.0).all()
+    trapping = DiggableSoil(SAND.soil, SAND.excavation_depth, 0.0)
+    assert steady(1.0, ground=trapping).excavated == pytest.approx(DEEPEST_EXCAVATED * WHEEL.radius)
+    assert steady(1.0).excavated == pytest.approx(SAND.excavation_depth / SAND.refill_ratio)
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.15, 0.5, 0.9])
+@pytest.mark.parametrize("kappa", [0.3, 3.0])
+def test_steady_driving_digs_as_the_balance_says(slip, kappa):
+    ground = DiggableSoil(SAND.soil, 0.02, kappa)
+    assert steady(slip, ground=ground).excavated == pytest.approx(0.02 * slip / (1.0 - slip + kappa), rel=1e-12)
+
+
+def test_slip_angles_of_both_signs_are_mirror_images():
+    right, left = steady([0.3, -0.4], 0.4), steady([0.3, -0.4], -0.4)
+    assert right.lateral == pytest.approx(-left.lateral, rel=1e-15)
+    assert (right.lateral > 0.0).all()
+    for name in ("sinkage", "traction", "resistance", "torque"):
+        assert getattr(right, name) == pytest.approx(getattr(left, name), rel=1e-15)
+    assert steady(0.3).lateral == 0.0
+
+
+def test_the_law_is_continuous_between_driving_and_braking():
+    below, at, above = steady([-1e-6, 0.0, 1e-6]).drawbar_pull
+    assert below == pytest.approx(at, abs=2e-3)
+    assert above == pytest.approx(at, abs=2e-3)
+    for angle in (0.0, 0.5):
+        beyond, before = steady([-1.0, -0.98], angle).drawbar_pull  # the floor of a locked rim
+        assert beyond == pytest.approx(before, rel=1e-6)
+
+
+def test_the_motor_gives_at_least_what_the_load_takes():
+    slip, angle = np.meshgrid(np.linspace(-0.98, 1.0, 34), [0.0, 0.1, 0.4, 0.9, 1.4])
+    om = np.where(slip >= 0.0, 1.0, 1.0 + slip)
+    hub = np.where(slip >= 0.0, 1.0 - slip, 1.0)
+    for ground in (SAND, LOAM):
+        for height in (0.0, 0.012):
+            got = steady(slip, angle, ground, grouser_height=height)
+            given_power = got.torque * om / WHEEL.radius
+            taken = hub * (got.drawbar_pull * np.cos(angle) - got.lateral * np.sin(angle))
+            assert (given_power >= taken).all()
+
+
+def test_lengths_and_loads_scale_as_the_dimensions_demand():
+    """Without cohesion a wheel `k` times as large in soil `k` times as coarse does the same, `k` times as large."""
+    k = 3.0
+    small = steady([-0.5, 0.0, 0.4], 0.2)
+    soil = SAND.soil
+    large_soil = Soil(
+        soil.n,
+        soil.k_c * k ** (1.0 - soil.n) * k,
+        soil.k_phi * k ** (1.0 - soil.n),
+        0.0,
+        soil.friction_angle,
+        k * soil.shear_deformation_modulus,
+    )
+    large = steady_wheel(
+        Wheel(k * WHEEL.radius, k * WHEEL.width),
+        DiggableSoil(large_soil, k * SAND.excavation_depth, SAND.refill_ratio, SAND.unit_weight),
+        80.0 * k**3,
+        [-0.5, 0.0, 0.4],
+        0.2,
+    )
+    assert large.sinkage == pytest.approx(k * small.sinkage, rel=1e-6)
+    assert large.drawbar_pull == pytest.approx(k**3 * small.drawbar_pull, rel=1e-6)
+    assert large.lateral == pytest.approx(k**3 * small.lateral, rel=1e-6)
+    assert large.torque == pytest.approx(k**4 * small.torque, rel=1e-6)
+
+
+def test_delta_follows_the_radius_where_it_was_measured_with_a_known_wheel():
+    known = DiggableSoil(SAND.soil, 0.06, 3.0, tested_radius=0.15)
+    assert known.digging_depth(WHEEL) == pytest.approx(0.06)
+    assert known.digging_depth(Wheel(0.05, 0.16)) == pytest.approx(0.02)
+    assert SAND.digging_depth(Wheel(0.05, 0.16)) == 0.06
+
+
+def test_grousers_pull_more_dig_deeper_and_vanish_with_their_height():
+    slip = np.array([0.05, 0.2, 0.5, 0.8])
+    smooth, lugged = steady(slip), steady(slip, grouser_height=0.01)
+    assert (lugged.drawbar_pull > smooth.drawbar_pull).all()
+    assert (lugged.torque > smooth.torque).all()
+    assert (lugged.excavated > smooth.excavated).all()
+    tiny = steady(slip, grouser_height=1e-9)
+    assert tiny.drawbar_pull == pytest.approx(smooth.drawbar_pull, rel=1e-5)
+    assert tiny.sinkage == pytest.approx(smooth.sinkage, rel=1e-5)
+    assert steady(-0.9, grouser_height=0.01).excavated == pytest.approx(steady(-0.9).excavated)
+
+
+def forces_by_depth(ground, motion, excavated, depths, wheel=WHEEL, standing=0.0):
+    return np.array([kernel(ground, depth, excavated, standing, motion, wheel=wheel)[5] for depth in depths])
+
+
+def pressed(load, start, ground, excavated, standing, motion, wheel=WHEEL):
+    return pressed_depth_kernel(
+        load, start, wheel.radius, wheel.width, 0.0, ground.row(wheel), LAW, excavated, standing, *motion
+    )
+
+
+# Cohesive and loose: as the soil comes up behind the wheel its shear pulls down; the force rises, falls, rises again.
+BENT = DiggableSoil(
+    Soil(n=1.7, k_c=0.0, k_phi=1.0e5, cohesion=6.0e3, friction_angle=0.8, shear_deformation_modulus=0.02), 0.03, 3.0
+)
+
+
+def test_of_several_depths_that_carry_the_load_the_first_is_taken():
+    motion = (1.0, 0.3, 0.0)
+    depths = np.geomspace(1e-4, 1.2, 4000) * WHEEL.radius
+    carried = forces_by_depth(BENT, motion, 0.0, depths)
+    falls = np.nonzero(np.diff(carried) < 0.0)[0]
+    assert falls.size, "the case does not bend"
+    load = 0.999 * carried[: falls[0] + 1].max()
+    first = depths[np.nonzero(carried >= load)[0][0]]
+    for start in (0.0, 0.2 * first, first, 3.0 * first, 0.15):
+        assert pressed(load, start, BENT, 0.0, 0.0, motion) == pytest.approx(first, rel=5e-3)
+
+
+@pytest.mark.parametrize("ground", [SAND, LOAM, BENT], ids=["sand", "loam", "bent"])
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_where_the_search_starts_does_not_change_what_it_finds(ground, motion):
+    for excavated in (0.0, 0.02, 0.15):
+        for standing in (0.0, 0.6, 1.0):
+            for load in (2.0, 80.0, 900.0):
+                cold = pressed(load, 0.0, ground, excavated, standing, motion)
+                for start in (0.3 * cold, 0.98 * cold, 1.5 * cold, 0.17):
+                    assert pressed(load, start, ground, excavated, standing, motion) == pytest.approx(cold, rel=1e-6)
+
+
+def test_a_load_that_nothing_carries_presses_to_the_deepest():
+    got = steady(0.3, load=1e9)
+    assert not got.solved
+    assert got.sinkage - got.excavated == pytest.approx(deepest_pressed_kernel(WHEEL.radius, got.excavated))
+    assert pressed(1e9, 0.0, SAND, 0.2, 0.0, (1.0, 0.7, 0.0)) == deepest_pressed_kernel(WHEEL.radius, 0.2)
+    assert pressed(0.0, 0.01, SAND, 0.0, 0.0, (1.0, 1.0, 0.0)) == 0.0
+
+
+def test_a_wheel_just_set_down_stands_symmetrically():
+    theta_1, theta_2, _, resistance, _, vertical, _ = kernel(SAND, 0.012, 0.0, 1.0, (1.0, 1.0, 0.0))
+    assert theta_2 == pytest.approx(-theta_1)
+    assert abs(resistance) < 1e-9 * vertical
+    rolling = kernel(SAND, 0.012, 0.0, 0.0, (1.0, 1.0, 0.0))
+    assert -rolling[1] < theta_1
+    assert rear_ratio_kernel(0.0, 0.0, LAW) == 0.0
+    assert rear_ratio_kernel(10.0, 0.0, LAW) == pytest.approx(MEASURED_LAW.rear_ratio)
+
+
+@pytest.mark.parametrize(
+    ("rim", "vx", "vy"),
+    [
+        (1.0, 1.0, 0.0),
+        (1.0, 0.4, 0.0),
+        (0.3, 1.0, 0.0),
+        (0.5, 0.6, 0.6),
+        (2.0, 1.0, 1.5),
+        (1.0, -0.5, 0.0),
+        (0.0, 1.0, 0.5),
+    ],
+)
+def test_relative_speeds_give_back_the_motion_they_came_from(rim, vx, vy):
+    fastest = max(rim, math.hypot(vx, vy))
+    om, x, y = kinematics_kernel((rim - vx) / fastest, vy / fastest)
+    assert (om, x, y) == pytest.approx((max(rim / fastest, LOCKED_RIM), vx / fastest, vy / fastest), abs=1e-12)
+
+
+@given(slip_x=st.floats(-1.5, 2.0), slip_y=st.floats(-1.2, 1.2))
+@settings(max_examples=200, deadline=None)
+def test_relaxed_speeds_are_always_a_motion(slip_x, slip_y):
+    om, vx, vy = kinematics_kernel(slip_x, slip_y)
+    assert LOCKED_RIM <= om <= 1.0
+    assert max(om, math.hypot(vx, vy)) == pytest.approx(1.0)
+    assert vy >= 0.0
+
+
+def test_digging_comes_to_rest_at_the_steady_depth():
+    for motion, grousers in (((1.0, 0.6, 0.0), 0.0), ((0.5, 0.9, 0.3), 0.0), ((1.0, 0.5, 0.1), 0.01)):
+        wanted = steady_excavation_kernel(WHEEL.radius, *motion, 0.03, 1.0, LAW, grousers)
+        depth = 0.0
+        for _ in range(4000):
+            depth += 5e-3 * excavation_rate_kernel(
+                WHEEL.radius, 0.6, -0.2, depth, *(0.2 * part for part in motion), 0.03, 1.0, LAW, grousers
+            )
+        assert depth == pytest.approx(wanted, rel=1e-6)
+    assert steady_excavation_kernel(WHEEL.radius, 1.0, 0.0, 0.0, 0.03, 0.0, LAW) == DEEPEST_EXCAVATED * WHEEL.radius
+
+
+def test_a_wheel_that_stands_still_neither_digs_nor_fills():
+    assert excavation_rate_kernel(WHEEL.radius, 0.3, -0.1, 0.02, 0.0, 0.0, 0.0, 0.03, 3.0, LAW) == 0.0
+    assert steady_excavation_kernel(WHEEL.radius, 0.0, 0.0, 0.0, 0.03, 3.0, LAW) == 0.0
+
+
+@given(
+    radius=st.floats(0.02, 0.8),
+    aspect=st.floats(0.2, 2.0),
+    load=st.floats(0.01, 1e4),
+    slip=st.floats(-1.0, 1.0),
+    angle=st.floats(-1.57, 1.57),
+    n=st.floats(0.4, 1.8),
+    log_k=st.floats(4.5, 8.0),
+    cohesion=st.floats(0.0, 8e3),
+    friction=st.floats(0.0, 1.0),
+    shear=st.floats(1e-4, 0.1),
+    delta=st.floats(0.0, 0.3),
+    kappa=st.floats(0.0, 5.0),
+    grousers=st.floats(0.0, 0.03),
+)
+@settings(max_examples=150, deadline=None)
+def test_every_soil_wheel_and_motion_has_a_finite_answer(
+    radius, aspect, load, slip, angle, n, log_k, cohesion, friction, shear, delta, kappa, grousers
+):
+    ground = DiggableSoil(Soil(n, 0.0, 10.0**log_k, cohesion, friction, shear), delta, kappa)
+    got = steady_wheel(Wheel(radius, aspect * radius), ground, load, slip, angle, grouser_height=grousers)
+    for field in fields(got):
+        assert np.isfinite(getattr(got, field.name))
+    assert 0.0 <= got.excavated <= DEEPEST_EXCAVATED * radius
+    assert got.theta_2 <= 0.0 < got.theta_1
+
+
+def test_bad_input_is_named():
+    with pytest.raises(ValueError, match="load must be positive"):
+        steady(0.1, load=0.0)
+    with pytest.raises(ValueError, match=r"slip must lie in \[-1, 1\]"):
+        steady(1.2)
+    with pytest.raises(ValueError, match="slip_angle"):
+        steady(0.1, 2.0)
+    with pytest.raises(ValueError, match="grouser_height"):
+        steady(0.1, grouser_height=-0.001)
+    with pytest.raises(ValueError, match="do not broadcast"):
+        steady([0.1, 0.2], [0.0, 0.1, 0.2])
+    with pytest.raises(ValueError, match="refill_ratio"):
+        DiggableSoil(SAND.soil, 0.01, -1.0)
+    with pytest.raises(ValueError, match="tested_radius"):
+        DiggableSoil(SAND.soil, 0.01, 1.0, tested_radius=0.0)
+    with pytest.raises(ValueError, match="one soil"):
+        DiggableSoil(Soil(np.ones(2), 0.0, 1e6, 0.0, 0.5), 0.01, 1.0)
+    with pytest.raises(ValueError, match="peak_slip"):
+        ContactLaw(peak_slip=0.0)
+    with pytest.raises(ValueError, match="rear_ratio"):
+        ContactLaw(rear_ratio=1.5)
+    with pytest.raises(ValueError, match="peak_limit"):
+        ContactLaw(peak_limit=1.0)
+    with pytest.raises(ValueError, match="bulldozing_factor"):
+        ContactLaw(bulldozing_factor=math.nan)
