@@ -35,6 +35,7 @@ setup(
             for name in (top, f"{top}.*")
         ]
     ),
+    package_data={"missions.report": ["page.css", "page.js"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml", "LICENSE"]),

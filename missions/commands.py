@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
 
 import strap_rover
 from missions.calibrate_options import add_calibrate
@@ -52,6 +53,9 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument("--out", type=Path, metavar="DIR", help="empty folder for bag, summary.json, run.png")
     demo.add_argument("--params-file", type=Path, metavar="FILE", help="ROS parameter file over the shipped config/")
     demo.add_argument("--rover", metavar="NAME", help="a rover of config/rovers or a YAML file of your own")
+    demo.add_argument(
+        "--terrain", type=Path, metavar="FILE", help="ground of your own (.npz), without the scenario's snag"
+    )
     demo.add_argument("--live", action="store_true", help="nodes as processes on wall time, boards on serial ports")
     demo.add_argument(
         "--firmware", action="store_true", help="with --live: boards are simulated Unos that execute build/firmware"
@@ -82,6 +86,13 @@ def parser() -> argparse.ArgumentParser:
     play.add_argument("--wait", type=float, metavar="S", help="for listeners to every topic, at most (default 10)")
     play.set_defaults(command=_bag_play)
 
+    report = commands.add_parser("report", help="one page of HTML on a bag or a case study; opens offline")
+    report.add_argument("path", type=Path, metavar="PATH", help="bag, .mcap file, or folder of a demo or case study")
+    report.add_argument(
+        "--out", type=Path, metavar="FILE", help="HTML file (default: report.html in a folder, BAG.html beside a bag)"
+    )
+    report.set_defaults(command=_report)
+
     watch = commands.add_parser(
         "watch", help="live picture of a running graph: wheels, supervisor, health; only listens"
     )
@@ -111,7 +122,13 @@ def _demo(options: argparse.Namespace, console: Console, stop: StopRequest) -> i
     if options.firmware and not options.live:
         return _complain("--firmware: boards live by wall time; give --live as well", EXIT_ASKED_WRONGLY)
     plan = plan_run(
-        options.scenario, options.controller, options.seed, options.duration, options.params_file, options.rover
+        options.scenario,
+        options.controller,
+        options.seed,
+        options.duration,
+        options.params_file,
+        options.rover,
+        options.terrain,
     )
     if options.firmware:
         plan = with_firmware(plan)
@@ -178,6 +195,17 @@ def _bag_play(options: argparse.Namespace, console: Console, stop: StopRequest) 
     given = {name: value for name, value in asked.items() if value is not None}
     settings = settings_from_mapping(PlayerSettings, given, "bag play")
     return EXIT_OK if play_bag(settings, console, stop) else EXIT_STOPPED
+
+
+def _report(options: argparse.Namespace, console: Console, _stop: StopRequest) -> int:
+    from missions.report.page import ReportError  # noqa: PLC0415 - ROS is slow
+    from missions.report.report import write_report  # noqa: PLC0415
+
+    try:
+        console.print(escape(str(write_report(options.path, options.out))), soft_wrap=True)
+    except ReportError as error:
+        return _complain(error, EXIT_FAILED)
+    return EXIT_OK
 
 
 def _watch(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:

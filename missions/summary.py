@@ -113,7 +113,7 @@ def summarize(plan: RunPlan, log: RunLog) -> RunSummary:
     faults = np.unique(log.of_rover(topics.TRACTION_STATE, "fault").astype(int))
     status = log.of_wheels(topics.CONTACT_ANGLES, "status").astype(int)
     snag_x = float(x[np.argmax(load > load[0])]) if (load > load[0]).any() else None
-    outcome = _outcome(final_speed, float(zone.max()), mode_at_end, float(x[-1]), snag_x, float(time_s[-1]))
+    outcome = outcome_of(final_speed, float(zone.max()), mode_at_end, float(x[-1]), snag_x, float(time_s[-1]))
     return RunSummary(
         scenario=plan.scenario.name,
         controller=plan.controller.policy,
@@ -170,9 +170,13 @@ def write_summary(summary: RunSummary, path: Path) -> None:
     path.write_text(summary.to_json(), encoding="utf-8")
 
 
-def _outcome(
+def outcome_of(
     final_speed: float, largest_zone_deg: float, mode: TractionMode, x: float, snag_x: float | None, lasted_s: float
 ) -> Outcome:
+    """How a run ended, from its mean speed at the end [m/s], its widest zone, its mode and place at the end [m].
+
+    `snag_x` is where it was held back [m], None where nothing held it.
+    """
     if final_speed < MOVING_MPS:
         if largest_zone_deg > BURIED_ZONE_DEG:
             return Outcome.BURIED

@@ -1,0 +1,256 @@
+"""What a drive came to, from a recording: by what the simulation knows where it was one, else by the sensors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from missions.report.recording import Recording
+from missions.report.site_map import wheel_radii
+from missions.summary import Event, Outcome, outcome_of, run_events
+from soil_flow_estimator.soil_state import SoilStatus
+from strap_rover import topics
+from strap_rover.arrays import BoolArray, FloatArray
+from strap_rover.topics import Topic
+from strap_sensor_driver.contact_zone import ContactStatus
+from traction_controller.supervisor import Fault, TractionMode
+
+SETTLED_S = 2.0
+"""A standing start is full slip: peaks of slip count from here on."""
+FINAL_S = 2.0
+"""The final speed is the mean over so long."""
+_WITH_ZONE = (ContactStatus.VALID, ContactStatus.PREDICTED, ContactStatus.UNCONFIRMED)
+_JUDGED_BY = ("x", "speed", "external_load")
+
+
+@dataclass(frozen=True, slots=True)
+class Peak:
+    """The largest or smallest of something."""
+
+    value: float
+    wheel: str
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WheelSeries:
+    """One quantity of every wheel over time."""
+
+    wheels: tuple[str, ...]
+    time_s: FloatArray
+    """Shape (N,)."""
+    values: FloatArray
+    """Shape (N, W); NaN where nothing is known."""
+
+    def peak(self, *, lowest: bool = False, from_s: float = 0.0) -> Peak | None:
+        """The highest value, or the lowest; None where there is none."""
+        values = np.where((self.time_s >= from_s)[:, None], self.values, np.nan)
+        if not np.isfinite(values).any():
+            return None
+        row, wheel = divmod(int(np.nanargmin(values) if lowest else np.nanargmax(values)), len(self.wheels))
+        return Peak(float(values[row, wheel]), self.wheels[wheel], float(self.time_s[row]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriveFacts:
+    """A drive in numbers; None and empty where the bag does not say."""
+
+    is_simulated: bool
+    """Whether a simulation said what it knows."""
+    outcome: Outcome | None
+    from_start_m: float | None
+    """Between where it began and where it ended."""
+    final_speed_mps: float | None
+    zone_deg: WheelSeries | None
+    """As measured."""
+    sinkage_from_zone_mm: WheelSeries | None
+    true_sinkage_mm: WheelSeries | None
+    slip: WheelSeries | None
+    """As measured, where the wheel turns."""
+    true_slip: WheelSeries | None
+    slip_margin: WheelSeries | None
+    """slip_max - slip, where both are known."""
+    flow_ratio: WheelSeries | None
+    """vc, where the wheel turns."""
+    mode_shares: Mapping[TractionMode, float]
+    mode_at_end: TractionMode | None
+    stalls: int
+    retries: int
+    faults: tuple[Fault, ...]
+    events: tuple[Event, ...]
+    status_shares: Mapping[str, Mapping[ContactStatus, float]]
+    """Per wheel, how much of the time its strap said what."""
+
+    @property
+    def sinkage_mm(self) -> WheelSeries | None:
+        """True where that is known, else from the zone."""
+        return self.true_sinkage_mm or self.sinkage_from_zone_mm
+
+
+def drive_facts(recording: Recording) -> DriveFacts:
+    """The facts of a recording."""
+    is_simulated = all(recording.of_rover(topics.GROUND_TRUTH, name) is not None for name in _JUDGED_BY)
+    source = topics.GROUND_TRUTH if is_simulated else topics.ODOM
+    zone = _zone_deg(recording)
+    modes = _codes(recording, "state", TractionMode)
+    faults = _codes(recording, "fault", Fault)
+    retries = recording.of_rover(topics.TRACTION_STATE, "retries")
+    speed = _final_speed(recording, source)
+    moving = _where_turning(recording)
+    slip_max = _wheel_series(recording, topics.SOIL_STATE, "slip_max")
+    slip = _masked(_wheel_series(recording, topics.SOIL_STATE, "slip"), moving)
+    mode_at_end = TractionMode(int(modes[-1])) if modes.size else None
+    return DriveFacts(
+        is_simulated=is_simulated,
+        outcome=_outcome(recording, source, speed, zone, mode_at_end),
+        from_start_m=_from_start_m(recording, source),
+        final_speed_mps=speed,
+        zone_deg=zone,
+        sinkage_from_zone_mm=_sinkage_from_zone_mm(recording, zone),
+        true_sinkage_mm=_wheel_series(recording, topics.GROUND_TRUTH, "sinkage", 1e3),
+        slip=slip,
+        true_slip=_wheel_series(recording, topics.GROUND_TRUTH, "slip"),
+        slip_margin=_difference(slip_max, slip),
+        flow_ratio=_masked(_wheel_series(recording, topics.SOIL_STATE, "vc"), moving),
+        mode_shares={mode: float(np.mean(modes == mode)) for mode in TractionMode if (modes == mode).any()},
+        mode_at_end=mode_at_end,
+        stalls=int(np.count_nonzero((np.diff(modes) != 0) & (modes[1:] == TractionMode.STALL))),
+        retries=0 if retries is None or not retries.size else int(np.nanmax(retries)),
+        faults=tuple(Fault(int(code)) for code in np.unique(faults) if code),
+        events=_events(recording, modes, faults),
+        status_shares=_status_shares(recording),
+    )
+
+
+def contact_status(recording: Recording) -> FloatArray | None:
+    """ContactStatus codes over the times of the contact angles, shape (N, W); NaN for what is no known code."""
+    codes = recording.of_wheels(topics.CONTACT_ANGLES, "status")
+    return None if codes is None else np.where(np.isin(codes, [int(status) for status in ContactStatus]), codes, np.nan)
+
+
+def _codes(recording: Recording, quantity: str, codes: type[TractionMode | Fault]) -> FloatArray:
+    """A code of traction/state over time; empty where the bag has it not, or has codes of another version."""
+    found = recording.of_rover(topics.TRACTION_STATE, quantity)
+    if found is None or not np.isin(found, [int(code) for code in codes]).all():
+        return np.empty(0)
+    return found
+
+
+def _events(recording: Recording, modes: FloatArray, faults: FloatArray) -> tuple[Event, ...]:
+    has_state = recording.time_s(topics.TRACTION_STATE).size > 0
+    if has_state and not (modes.size and faults.size):
+        return ()
+    return run_events(recording.run_log())
+
+
+def _wheel_series(recording: Recording, row: Topic, quantity: str, scale: float = 1.0) -> WheelSeries | None:
+    values = recording.of_wheels(row, quantity)
+    return None if values is None else WheelSeries(recording.wheels, recording.time_s(row), scale * values)
+
+
+def _masked(series: WheelSeries | None, where: BoolArray | None) -> WheelSeries | None:
+    if series is None or where is None:
+        return series
+    return WheelSeries(series.wheels, series.time_s, np.where(where, series.values, np.nan))
+
+
+def _difference(series: WheelSeries | None, other: WheelSeries | None) -> WheelSeries | None:
+    if series is None or other is None:
+        return None
+    return WheelSeries(series.wheels, series.time_s, series.values - other.values)
+
+
+def _where_turning(recording: Recording) -> BoolArray | None:
+    """Where the estimator knows the slip, and its strap gives angles."""
+    std = recording.of_wheels(topics.SOIL_STATE, "slip_std")
+    status = recording.of_wheels(topics.SOIL_STATE, "status")
+    if std is None:
+        return None
+    return (std < 1.0) & (True if status is None else status != SoilStatus.NO_DATA)
+
+
+def _zone_deg(recording: Recording) -> WheelSeries | None:
+    """Width of the contact zone while the strap gives one."""
+    theta_1 = recording.of_wheels(topics.CONTACT_ANGLES, "theta_1")
+    theta_2 = recording.of_wheels(topics.CONTACT_ANGLES, "theta_2")
+    if theta_1 is None or theta_2 is None:
+        return None
+    zone = WheelSeries(recording.wheels, recording.time_s(topics.CONTACT_ANGLES), np.degrees(theta_1 - theta_2))
+    return _masked(zone, _with_zone(recording))
+
+
+def _with_zone(recording: Recording) -> BoolArray | None:
+    status = contact_status(recording)
+    return None if status is None else np.isin(status, [int(code) for code in _WITH_ZONE])
+
+
+def _sinkage_from_zone_mm(recording: Recording, zone: WheelSeries | None) -> WheelSeries | None:
+    """How deep the wheel's lowest point lies below where it enters the soil: r (1 - cos theta_1)."""
+    radii = wheel_radii(recording.custom_data, recording.wheels)
+    theta_1 = recording.of_wheels(topics.CONTACT_ANGLES, "theta_1")
+    if radii is None or theta_1 is None or zone is None:
+        return None
+    depth = WheelSeries(zone.wheels, zone.time_s, 1e3 * radii * (1.0 - np.cos(theta_1)))
+    return _masked(depth, np.isfinite(zone.values))
+
+
+def _final_speed(recording: Recording, source: Topic) -> float | None:
+    speed, time_s = recording.of_rover(source, "speed"), recording.time_s(source)
+    if speed is None or not time_s.size:
+        return None
+    last = speed[time_s >= time_s[-1] - FINAL_S]
+    return float(np.nanmean(last)) if np.isfinite(last).any() else None
+
+
+def _from_start_m(recording: Recording, source: Topic) -> float | None:
+    x, y = recording.of_rover(source, "x"), recording.of_rover(source, "y")
+    if x is None or not x.size:
+        return None
+    across = 0.0 if y is None else float(y[-1] - y[0])
+    return float(np.hypot(x[-1] - x[0], across))
+
+
+def _outcome(
+    recording: Recording,
+    source: Topic,
+    final_speed: float | None,
+    zone: WheelSeries | None,
+    mode: TractionMode | None,
+) -> Outcome | None:
+    x = recording.of_rover(source, "x")
+    if x is None or not x.size or final_speed is None:
+        return None
+    load = recording.of_rover(topics.GROUND_TRUTH, "external_load")
+    snag_x = None
+    if source is topics.GROUND_TRUTH and load is not None and (load > load[0]).any():
+        snag_x = float(x[np.argmax(load > load[0])])
+    widest = _true_zone_deg(recording) if source is topics.GROUND_TRUTH else zone
+    peak = None if widest is None else widest.peak()
+    return outcome_of(
+        final_speed,
+        0.0 if peak is None else peak.value,
+        TractionMode.STANDBY if mode is None else mode,
+        float(x[-1]),
+        snag_x,
+        float(recording.time_s(source)[-1]),
+    )
+
+
+def _true_zone_deg(recording: Recording) -> WheelSeries | None:
+    theta_1 = _wheel_series(recording, topics.GROUND_TRUTH, "theta_1")
+    zone = _difference(theta_1, _wheel_series(recording, topics.GROUND_TRUTH, "theta_2"))
+    return None if zone is None else WheelSeries(zone.wheels, zone.time_s, np.degrees(zone.values))
+
+
+def _status_shares(recording: Recording) -> dict[str, dict[ContactStatus, float]]:
+    codes = contact_status(recording)
+    if codes is None or not codes.size:
+        return {}
+    return {
+        wheel: {
+            status: float(np.mean(codes[:, index] == status))
+            for status in ContactStatus
+            if (codes[:, index] == status).any()
+        }
+        for index, wheel in enumerate(recording.wheels)
+    }
