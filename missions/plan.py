@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from sim_bridge.parameters import SimBridgeParameters
-from sim_bridge.scenarios import Scenario, scenario_named
+from sim_bridge.scenarios import Scenario, on_terrain, scenario_named
 from sim_bridge.simulated_uno import require_firmware
 from sim_bridge.world import periods_ns
 from soil_flow_estimator.parameters import SoilEstimatorParameters
@@ -94,28 +94,20 @@ def plan_run(
     duration_s: float | None = None,
     params_file: Path | None = None,
     rover: str | None = None,
+    terrain: Path | None = None,
 ) -> RunPlan:
     """A run of a scenario with the shipped settings; `controller` is one of CONTROLLERS.
 
     `params_file` is a ROS parameter file whose values go over the shipped ones. What is asked for by argument goes over
-    both; what nobody says is `mars_snag`, `soil_flow`, seed 0, and the scenario's own rover and duration.
+    both; what nobody says is `mars_snag`, `soil_flow`, seed 0, and the scenario's own rover, ground and duration.
+    `terrain` is a file of ground to drive on instead, without a snag and for as long as it lasts.
     Raises SettingsError (a ValueError) listing everything that is wrong.
     """
     problems: list[str] = []
     changes = _changes(params_file, problems)
     mappings = _mappings(changes, problems)
     world_says, controller_says = mappings["sim_bridge"], mappings["traction_controller"]
-    if isinstance(scenario, Scenario):
-        chosen = scenario
-        world_says["scenario"] = "mars_snag"  # a scenario of its own has no name to choose
-    else:
-        name = str(world_says["scenario"]) if scenario is None else scenario
-        try:
-            chosen = scenario_named(name)
-        except ValueError as error:
-            problems.append(f"scenario: {error}")
-            chosen = scenario_named("mars_snag")
-        world_says["scenario"] = chosen.name
+    chosen = _scenario(scenario, world_says, problems)
     if controller is not None and controller not in CONTROLLERS:
         problems.append(f"controller: {controller!r} is not known; give one of {', '.join(CONTROLLERS)}")
     elif controller is not None:
@@ -126,10 +118,14 @@ def plan_run(
         world_says["seed"] = seed
     if duration_s is not None and not (math.isfinite(duration_s) and CYCLE_NS / NS <= duration_s <= 36_000.0):
         problems.append(f"duration: {duration_s} s is out of range; give 0.01 to 36000 s")
+    if terrain is not None:
+        world_says["terrain_file"] = str(terrain.absolute())
     description = _rover(chosen.rover if rover is None else rover, rover is not None, changes, mappings, problems)
     parts = _parts(mappings, params_file, problems)
     if not problems:
         _check_rates(parts["sim_bridge"], chosen, problems)
+    if description is not None and not problems:
+        chosen = _on_its_ground(chosen, parts["sim_bridge"], description, problems)
     if problems or description is None:
         raise SettingsError(problems)
     return RunPlan(
@@ -217,6 +213,33 @@ def _mappings(changes: Mapping[str, Mapping[str, object]], problems: list[str]) 
             shipped = {}
         mappings[name] = {**defaults, **shipped, **changes[name]}
     return mappings
+
+
+def _scenario(asked: Scenario | str | None, world_says: dict[str, object], problems: list[str]) -> Scenario:
+    """The scenario asked for, or that of the parameter file, told to the world."""
+    if isinstance(asked, Scenario):
+        world_says["scenario"] = "mars_snag"  # a scenario of its own has no name to choose
+        return asked
+    try:
+        chosen = scenario_named(str(world_says["scenario"]) if asked is None else asked)
+    except ValueError as error:
+        problems.append(f"scenario: {error}")
+        chosen = scenario_named("mars_snag")
+    world_says["scenario"] = chosen.name
+    return chosen
+
+
+def _on_its_ground(
+    scenario: Scenario, world: SimBridgeParameters, rover: RoverDescription, problems: list[str]
+) -> Scenario:
+    """The scenario on the ground of the world's terrain file, where it has one."""
+    if not world.terrain_file:
+        return scenario
+    try:
+        return on_terrain(scenario, world.terrain_file, rover)
+    except SettingsError as error:
+        problems += error.problems
+        return scenario
 
 
 def _rover(

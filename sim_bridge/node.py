@@ -7,7 +7,7 @@ from rclpy.context import Context
 
 from sim_bridge.messages import TruthMessages
 from sim_bridge.parameters import SimBridgeParameters
-from sim_bridge.scenarios import Scenario, scenario_named
+from sim_bridge.scenarios import Scenario, on_terrain, scenario_named
 from sim_bridge.simulated_uno import SimulatedUnos
 from sim_bridge.strap_faults import StrapFault
 from sim_bridge.virtual_ports import ServedBoards, VirtualPorts
@@ -58,6 +58,8 @@ class SimBridge(NodeShell[SimBridgeParameters]):
         )
         chosen = scenario or scenario_named(self.settings.scenario)
         rover = load_rover(self.settings.rover or chosen.rover)
+        if scenario is None and self.settings.terrain_file:
+            chosen = on_terrain(chosen, self.settings.terrain_file, rover)
         if self_ticking and self.get_parameter("use_sim_time").value:
             raise SettingsError(["sim_bridge: a live world goes by the host's clock; leave use_sim_time false"])
         self.settings.struck_straps(rover)  # refused before a port is there

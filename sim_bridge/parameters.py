@@ -20,6 +20,10 @@ class SimBridgeParameters(SensorSettings):
     rover: str = field(
         default="", metadata={"doc": "rover description: a name in config/rovers or a path; empty: the scenario's own"}
     )
+    terrain_file: str = field(
+        default="",
+        metadata={"doc": "ground to drive on, an .npz (docs/terrain.md), without a snag; empty: the scenario's own"},
+    )
     seed: int = field(default=0, metadata={"doc": "of terrain and noise", "min": 0, "max": 2**31 - 1})
     port: str = field(
         default="/tmp/strap_rover/board_{board}",  # noqa: S108 - a lock keeps others out, and it serves no secrets

@@ -6,6 +6,7 @@ A scenario is a recipe; `build` makes the terrain from the run's own random gene
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -20,8 +21,11 @@ from sim_bridge.terrain import (
     build_terrain,
     ramp,
 )
+from sim_bridge.terrain_file import read_terrain_file, terrain_problems
 from sim_bridge.terrain_generator import composite_terrain
 from strap_rover.rover import RoverDescription
+from strap_rover.settings import SettingsError
+from strap_rover.terramechanics.ground_grid import CROSS_SLOPE, SLOPE
 from strap_rover.terramechanics.soil import TABLE_II, Soil, soil_from_de_st
 
 
@@ -215,3 +219,28 @@ def scenario_named(name: str) -> Scenario:
         return SCENARIOS[name]
     except KeyError:
         raise ValueError(f"no scenario {name!r}; known: {', '.join(sorted(SCENARIOS))}") from None
+
+
+def on_terrain(scenario: Scenario, path: str | Path, rover: RoverDescription) -> Scenario:
+    """The scenario on the ground in a terrain file in place of its own, without a snag, no longer than the ground.
+
+    It is called after the file. Raises SettingsError when the file is no terrain, or not one for this rover.
+    """
+    terrain = read_terrain_file(path, rover.gravity_mps2)
+    problems = terrain_problems(terrain, rover)
+    if problems:
+        raise SettingsError(f"{path}: {problem}" for problem in problems)
+    rise_x, rise_y = (np.tan(terrain.samples[..., field]) for field in (SLOPE, CROSS_SLOPE))
+    facts = {
+        "ground_ahead_m": terrain.x_end,
+        "ground_width_m": terrain.y_end - terrain.y_start,
+        "steepest_deg": math.degrees(math.atan(float(np.hypot(rise_x, rise_y).max()))),
+    }
+    site = Site(terrain, None, MappingProxyType(facts))
+    return replace(
+        scenario,
+        name=f"ground_{Path(path).stem}",
+        meaning=f"{rover.name} drives over the ground in {path}",
+        duration_s=min(scenario.duration_s, max(math.floor(terrain.x_end / scenario.speed_mps), 1.0)),
+        build=lambda _rover, _rng: site,
+    )

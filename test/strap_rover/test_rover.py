@@ -59,7 +59,7 @@ def test_every_shipped_rover_loads_under_its_own_name(name):
 
 def test_an_unknown_rover_names_the_known_ones():
     with pytest.raises(
-        SettingsError, match="no rover 'opportunity'; give one of curiosity, curiosity_two_straps, single_wheel"
+        SettingsError, match="no rover 'opportunity'; give one of curiosity, curiosity_two_straps, husky, single_wheel"
     ):
         load_rover("opportunity")
 
