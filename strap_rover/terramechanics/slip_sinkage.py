@@ -408,7 +408,9 @@ def dug_wheel_kernel(
     geometry = (theta_1, theta_2, theta_m, cos_1, math.sin(theta_1), radius * share)
     shear_radius = radius + law[13] * grouser_height
     grip = 1.0 + law[14] * grouser_height / radius
-    motion = (shear_radius, radius * vx / om, law[9] * radius * vy / om, grip)
+    # A wheel just set down has not rolled through its contact: no shear but that of what it slips.
+    unrolled = standing * radius
+    motion = (shear_radius - unrolled, radius * vx / om - unrolled, law[9] * radius * vy / om, grip)
     traction, resistance, lateral, vertical, torque = _contact_kernel(ground, geometry, motion)
     area = radius * width
     side = 0.0

@@ -87,6 +87,7 @@ def by_quadrature(
         h = max(r * (math.cos(a) - math.cos(theta_1)), 0.0) * pressed / z
         sigma = soil.modulus(b) * h**soil.n
         along = shear_radius * (theta_1 - theta) - r * vx / om * (math.sin(theta_1) - math.sin(theta))
+        along -= standing * r * ((theta_1 - theta) - (math.sin(theta_1) - math.sin(theta)))  # not rolled through yet
         aside = law.lateral_shear * r * vy / om * (math.sin(theta_1) - math.sin(theta))
         j = math.hypot(along, aside)
         tau = (soil.cohesion + sigma * tan_phi) * (1.0 - math.exp(-j / soil.shear_deformation_modulus))
