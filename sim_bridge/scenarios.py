@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from sim_bridge.mars_terrain import mars_terrain
 from sim_bridge.plant import MEASURED_REFILL, PlantSettings, Snag
 from sim_bridge.terrain import (
     EARTH_SAND_UNIT_WEIGHT,
@@ -119,6 +120,52 @@ def snag_scenario(case: SnagCase, name: str = "mars_snag") -> Scenario:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class MarsCase:
+    """What varies in case study 2: the sand and what holds the rover back there, and where it comes."""
+
+    sand: SnagCase = REFERENCE_SNAG
+    """No slope and no snag in it are the level ground that the source paper describes."""
+    soft_from_m: float = 24.0
+    """Where firm sand, stones and rock give way to soft sand: 50 s at 2 rad/s."""
+    snag_after_m: float = 8.0
+    """How far into the soft sand the snag is."""
+
+
+REFERENCE_MARS = MarsCase()
+"""The reference case: as `mars_snag`, behind 24 m of stones and firm sand, the snag where 2 rad/s comes at 68 s."""
+
+
+def random_mars_case(rng: np.random.Generator) -> MarsCase:
+    """One member of the randomised family, with a shorter way to the soft sand than the reference case has."""
+    return MarsCase(random_snag_case(rng), soft_from_m=8.0, snag_after_m=float(rng.uniform(4.0, 8.0)))
+
+
+def mars_scenario(case: MarsCase, name: str = "mars_rover", duration_s: float = 160.0) -> Scenario:
+    """Case study 2 with the numbers of `case`; stones and rock come from the run's seed."""
+    sand = case.sand
+    soft = Ground(soil_from_de_st(sand.de, sand.st), sand.excavation_depth_m, refill_ratio=sand.refill_ratio)
+    snag = Snag(case.soft_from_m + case.snag_after_m, sand.snag_n, sand.snag_s) if sand.snag_n > 0.0 else None
+    facts = {item: float(getattr(sand, item)) for item in SnagCase.__slots__}
+    facts |= {item: float(getattr(case, item)) for item in ("soft_from_m", "snag_after_m")}
+
+    def build(rover: RoverDescription, rng: np.random.Generator) -> Site:
+        firm = replace(FIRM_SAND, refill_ratio=sand.refill_ratio)
+        slope = math.radians(sand.slope_deg)
+        terrain = mars_terrain(rng, soft, case.soft_from_m, slope, x_end=0.5 * duration_s + 10.0, firm=firm)
+        return Site(terrain.under_gravity(rover.gravity_mps2), snag, MappingProxyType(facts))
+
+    return Scenario(
+        name=name,
+        meaning="Curiosity comes from stones and firm sand into soft sand that rises and has a snag in it",
+        rover="curiosity",
+        speed_mps=0.5,
+        duration_s=duration_s,
+        plant=PlantSettings(),
+        build=build,
+    )
+
+
 def _composite_site(rover: RoverDescription, rng: np.random.Generator) -> Site:
     terrain = composite_terrain(rng, 60.0).under_gravity(rover.gravity_mps2)
     return Site(terrain, None, MappingProxyType({}))
@@ -197,6 +244,7 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
         scenario.name: scenario
         for scenario in (
             snag_scenario(REFERENCE_SNAG),
+            mars_scenario(REFERENCE_MARS),
             Scenario(
                 name="composite",
                 meaning="Curiosity crosses 60 m of stones, rock, firm sand and soft patches, different left and right",

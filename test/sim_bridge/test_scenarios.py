@@ -6,11 +6,16 @@ import pytest
 
 from sim_bridge.plant import Snag
 from sim_bridge.scenarios import (
+    REFERENCE_MARS,
     REFERENCE_SNAG,
     REFERENCE_STAND,
     SCENARIOS,
+    MarsCase,
     SnagCase,
     StandCase,
+    mars_scenario,
+    on_refilling_sand,
+    random_mars_case,
     random_snag_case,
     random_stand_case,
     scenario_named,
@@ -45,7 +50,7 @@ def test_every_scenario_can_be_built_and_says_what_it_means(name):
 
 
 def test_an_unknown_scenario_names_the_known():
-    with pytest.raises(ValueError, match="no scenario 'mars'; known: composite, mars_snag, single_wheel"):
+    with pytest.raises(ValueError, match="no scenario 'mars'; known: composite, mars_rover, mars_snag, single_wheel"):
         scenario_named("mars")
 
 
@@ -56,7 +61,7 @@ def test_the_reference_snag_has_its_documented_numbers():
         firm, soft = site.terrain.at(10.0, y), site.terrain.at(40.0, y)
         assert firm[ground_grid.SLOPE] == 0.0
         assert firm[ground_grid.N] == pytest.approx(MARS_DRY_SAND.n)
-        assert math.degrees(soft[ground_grid.SLOPE]) == pytest.approx(9.0)
+        assert math.degrees(soft[ground_grid.SLOPE]) == pytest.approx(7.0)
         soil = soil_from_de_st(0.3, 0.385)
         expected = [soil.k_c, soil.k_phi, soil.n, soil.cohesion, math.tan(soil.friction_angle)]
         np.testing.assert_allclose(soft[ground_grid.K_C : ground_grid.TAN_FRICTION + 1], expected)
@@ -68,10 +73,10 @@ def test_the_reference_snag_has_its_documented_numbers():
 
 
 def test_a_case_reaches_its_site():
-    case = replace(REFERENCE_SNAG, refill_rate=0.3, snag_n=111.0, slope_deg=5.0, excavation_depth_m=0.033)
+    case = replace(REFERENCE_SNAG, refill_ratio=0.3, snag_n=111.0, slope_deg=5.0, excavation_depth_m=0.033)
     site = snag_scenario(case, "mine").build(ROVER, rng())
     soft = site.terrain.at(40.0, 0.0)
-    assert (soft[ground_grid.EXCAVATION], soft[ground_grid.REFILL_RATE]) == (0.033, 0.3)
+    assert (soft[ground_grid.EXCAVATION], soft[ground_grid.REFILL_RATIO]) == (0.033, 0.3)
     assert math.degrees(soft[ground_grid.SLOPE]) == pytest.approx(5.0)
     assert site.snag.force == 111.0
 
@@ -83,7 +88,7 @@ def test_random_cases_follow_the_generator_and_stay_in_their_ranges():
         ("de", 0.2, 0.4),
         ("st", 0.34, 0.44),
         ("excavation_depth_m", 0.01, 0.035),
-        ("slope_deg", 6.0, 10.5),
+        ("slope_deg", 4.0, 8.5),
         ("snag_n", 300.0, 900.0),
         ("snag_s", 4.0, 14.0),
     ):
@@ -130,3 +135,35 @@ def test_members_of_the_stand_differ_between_sands_in_digging_alone():
     assert 38.0 <= min(loads) < 40.0
     assert 48.0 < max(loads) <= 50.0
     assert len({case.stiffness for case in trapping}) == 40
+
+
+def test_the_mars_rover_meets_soft_sand_after_50_s_and_then_a_snag():
+    site = mars_scenario(REFERENCE_MARS).build(ROVER, rng())
+    assert site.snag == Snag(32.0, 600.0, 10.0)
+    assert dict(site.facts) == {
+        **{item.name: getattr(REFERENCE_SNAG, item.name) for item in fields(SnagCase)},
+        "soft_from_m": 24.0,
+        "snag_after_m": 8.0,
+    }
+    firm, soft = site.terrain.at(2.0, 1.1), site.terrain.at(40.0, 1.1)
+    assert firm[ground_grid.K_PHI] == pytest.approx(MARS_DRY_SAND.k_phi)
+    assert soft[ground_grid.K_PHI] == pytest.approx(soil_from_de_st(REFERENCE_SNAG.de, REFERENCE_SNAG.st).k_phi)
+    assert math.degrees(soft[ground_grid.SLOPE]) == pytest.approx(REFERENCE_SNAG.slope_deg)
+
+
+def test_the_mars_rover_as_the_source_has_it_is_on_level_ground_without_a_snag():
+    level = MarsCase(replace(on_refilling_sand(REFERENCE_SNAG), slope_deg=0.0, snag_n=0.0))
+    site = mars_scenario(level).build(ROVER, rng())
+    assert site.snag is None
+    beyond = site.terrain.samples[:, 28 * 20 :]
+    assert np.ptp(beyond[..., ground_grid.HEIGHT]) < 1e-12
+    assert np.ptp(site.terrain.samples[..., ground_grid.REFILL_RATIO][:, :80]) < 1e-9  # firm sand flows back as well
+
+
+def test_members_of_the_mars_family_differ_in_sand_and_in_the_place_of_the_snag():
+    members = [random_mars_case(rng(seed)) for seed in range(30)]
+    assert random_mars_case(rng(4)) == members[4]
+    after = [member.snag_after_m for member in members]
+    assert 4.0 <= min(after) < 5.0
+    assert 7.0 < max(after) <= 8.0
+    assert len({member.sand for member in members}) == 30
