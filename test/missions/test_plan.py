@@ -48,7 +48,7 @@ def test_every_bad_argument_is_in_one_error():
         "seed",
         "duration",
     ]
-    assert "composite, mars_snag, single_wheel" in str(caught.value)
+    assert "composite, mars_rover, mars_snag, single_wheel" in str(caught.value)
 
 
 @pytest.mark.parametrize("duration_s", [0.0, -1.0, 0.009, 36_001.0, float("inf"), float("nan")])
