@@ -14,6 +14,7 @@ from missions.calibrate_options import add_calibrate
 from missions.case_studies.catalogue import STUDIES
 from missions.plan import CONTROLLERS, RunPlan, plan_run, with_firmware
 from missions.stop_request import StopRequest
+from missions.terrain_command import add_terrain, run_terrain
 from sim_bridge.scenarios import SCENARIOS
 from strap_rover.flight_recorder.bag_format import BagError
 from strap_rover.installed_data import InstalledDataError
@@ -101,6 +102,7 @@ def parser() -> argparse.ArgumentParser:
     watch.set_defaults(command=_watch)
 
     add_calibrate(commands, _calibrate)
+    add_terrain(commands, _terrain)
 
     study = commands.add_parser("case_study", help="many runs of one question, as a table")
     study.add_argument("study", choices=("all", *STUDIES), metavar="NAME", help=f"all, {', '.join(STUDIES)}")
@@ -235,6 +237,11 @@ def _calibrate(options: argparse.Namespace, console: Console, stop: StopRequest)
         return _complain("stopped before anything was measured", EXIT_STOPPED)
     except CalibrationError as error:
         return _complain(error, EXIT_STOPPED if stop() else EXIT_FAILED)
+
+
+def _terrain(options: argparse.Namespace, console: Console, _stop: StopRequest) -> int:
+    run_terrain(options, console)
+    return EXIT_OK
 
 
 def _case_study(options: argparse.Namespace, console: Console, stop: StopRequest) -> int:
