@@ -116,7 +116,7 @@ class SimBridge(NodeShell[SimBridgeParameters]):
     def health(self) -> Sequence[Health]:
         """Where the rover is, and each virtual port."""
         truth = self.world.ground_truth()
-        x, speed, _, load = truth.whole_rover.tolist()
+        x, speed, _, load, *_ = truth.whole_rover.tolist()
         values = {"x_m": round(x, 3), "speed_mps": round(speed, 3), "external_load_n": load, "stood_still": self._lags}
         level, text = HealthLevel.OK, self.world.scenario.name
         if self._lags > self._lags_told:

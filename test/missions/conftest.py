@@ -29,7 +29,7 @@ def short_snag(ground=None, snag=SNAG, duration_s=18.0):
     def build(rover, _rng):
         stretches = (Stretch(-math.inf, FIRM_SAND), Stretch(SOFT_FROM_M, soft))
         tracks = [(y, stretches) for y in sorted({wheel.y_m for wheel in rover.wheels})]
-        terrain = build_terrain(tracks, ramp(SOFT_FROM_M, 1.0, math.radians(9.0)), x_end=30.0)
+        terrain = build_terrain(tracks, ramp(SOFT_FROM_M, 1.0, math.radians(7.0)), x_end=30.0)
         return Site(terrain, snag, MappingProxyType({"snag_n": snag.force if snag else 0.0}))
 
     return Scenario("short_snag", "a snag soon after the start", "curiosity", 0.5, duration_s, PlantSettings(), build)

@@ -35,8 +35,10 @@ def test_a_log_without_mode_changes_or_even_modes_is_drawn(tmp_path):
     plan = plan_run("single_wheel")
     builder = RunLogBuilder(("w",))
     for index in range(1, 6):
-        row = np.array([[0.02, 0.0, 0.1, 0.5, -0.4, 5.0, 20.0, 10.0, 70.0]])
-        builder.add(topics.GROUND_TRUTH, 20_000_000 * index, row, np.array([0.01 * index, 0.5, 0.0, 0.0]))
+        row = np.array([[0.02, 0.0, 0.1, 0.5, -0.4, 5.0, 20.0, 10.0, 70.0, 0.0, 0.0]])
+        builder.add(
+            topics.GROUND_TRUTH, 20_000_000 * index, row, np.array([0.01 * index, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+        )
         builder.add(topics.TRACTION_COMMANDS, 20_000_000 * index, np.array([[1.0]]), np.empty(0))
     for modes in (0, 1):
         log = builder.build()

@@ -17,9 +17,12 @@ PLAN = plan_run("single_wheel", seed=2)
 M = TractionMode
 RATE = 50
 
+NO_TURN = (0.0, 0.0, 0.0)
+"""y, heading, roll of a rover that goes straight on."""
+
 
 def truth_row(sinkage=0.02, slip=0.1, theta_1=0.5, theta_2=-0.4, torque=10.0):
-    return np.array([[sinkage, 0.0, slip, theta_1, theta_2, 5.0, 20.0, torque, 70.0]])
+    return np.array([[sinkage, 0.0, slip, theta_1, theta_2, 5.0, 20.0, torque, 70.0, 0.0, 0.0]])
 
 
 def make_log(
@@ -37,7 +40,9 @@ def make_log(
         time_s, stamp_ns = index / RATE, index * 1_000_000_000 // RATE
         x += at(speed, time_s) / RATE
         row = truth_row(**{name: at(value, time_s) for name, value in wheel.items()})
-        builder.add(topics.GROUND_TRUTH, stamp_ns, row, np.array([x, at(speed, time_s), 0.0, at(load, time_s)]))
+        builder.add(
+            topics.GROUND_TRUTH, stamp_ns, row, np.array([x, at(speed, time_s), 0.0, at(load, time_s), *NO_TURN])
+        )
         mode = modes[(index - 1) * len(modes) // count]
         fault = faults[(index - 1) * len(faults) // count]
         builder.add(topics.TRACTION_STATE, stamp_ns, np.zeros((1, 3)), np.array([mode, 1.0, fault], dtype=float))
@@ -100,7 +105,7 @@ def test_numbers_of_a_steady_drive():
     assert summary.largest_zone_deg == pytest.approx(math.degrees(0.9))
     assert (summary.duration_s, summary.final_speed_mps, summary.seed) == (10.0, 0.1, 2)
     assert summary.static_de == (-1.0,)
-    assert summary.facts == {"st": 0.6}
+    assert summary.facts["st"] == 0.6
     assert summary.outcome == Outcome.PASSED.value  # a steady drawbar load is no snag
 
 
@@ -148,7 +153,9 @@ def test_events_come_in_order_and_leave_out_drive_to_limit():
 def test_a_log_without_modes_or_readings_can_be_summed_up():
     builder = RunLogBuilder(("w",))
     for index in range(1, 11):
-        builder.add(topics.GROUND_TRUTH, 20_000_000 * index, truth_row(), np.array([0.01 * index, 0.5, 0.0, 0.0]))
+        builder.add(
+            topics.GROUND_TRUTH, 20_000_000 * index, truth_row(), np.array([0.01 * index, 0.5, 0.0, 0.0, *NO_TURN])
+        )
         builder.add(topics.TRACTION_COMMANDS, 20_000_000 * index, np.array([[1.0]]), np.empty(0))
     summary = summarize(PLAN, builder.build())
     assert (summary.mode_at_end, summary.stalls, summary.retries, summary.events) == ("STANDBY", 0, 0, ())

@@ -15,6 +15,7 @@ from sim_bridge.world import SensorSettings, World, board_links, nominal_strap
 from strap_rover.rover import load_rover
 from strap_rover.settings import SettingsError
 from strap_rover.telemetry import WheelCommands, WheelStates
+from strap_rover.terramechanics import ground_grid
 from strap_sensor_driver.contact_zone import ContactStatus
 from strap_sensor_driver.frames import AcceptedFrame, DataFrame, FrameDecoder, HelloFrame
 from strap_sensor_driver.parameters import StrapDriverParameters, bind_straps
@@ -188,7 +189,8 @@ def test_without_noise_telemetry_is_the_truth():
     np.testing.assert_array_equal(report.wheel_states.torque, world.plant.contact[p.TORQUE])
     assert 0.4 < body[p.SPEED] < 0.5  # it moves, and it slips
     whole = report.ground_truth.whole_rover
-    assert whole.tolist() == [body[p.X], body[p.SPEED], body[p.PITCH], 0.0]
+    assert whole[:4].tolist() == [body[p.X], body[p.SPEED], body[p.PITCH], 0.0]
+    assert whole[4:].tolist() == [body[p.Y], body[p.HEADING], body[p.ROLL]]
 
 
 def test_all_records_of_a_report_carry_the_same_time():
@@ -212,10 +214,12 @@ def test_the_imu_tells_slope_and_gravity(degrees):
     pitch = np.array([report.attitude.pitch for report in reports])
     assert pitch.mean() == pytest.approx(math.radians(degrees), abs=5 * 0.003 / math.sqrt(pitch.size))
     assert pitch.std() == pytest.approx(0.003, rel=0.15)
-    assert all(report.attitude.roll == 0.0 for report in reports)
+    roll = np.array([report.attitude.roll for report in reports])
+    assert roll.mean() == pytest.approx(0.0, abs=5 * 0.003 / math.sqrt(roll.size))
+    assert roll.std() == pytest.approx(0.003, rel=0.15)
     assert all(sum(q * q for q in report.attitude.orientation) == pytest.approx(1.0) for report in reports)
     standing = reports[-1].attitude.forward_acceleration
-    assert standing == pytest.approx(3.711 * math.sin(math.radians(degrees)), abs=1e-6)
+    assert standing == pytest.approx(3.711 * math.sin(world.plant.body[p.PITCH]), abs=1e-4)
 
 
 def test_the_imu_feels_the_start():
@@ -236,17 +240,25 @@ def test_suspension_is_straight_on_even_ground(degrees):
 
 
 def test_suspension_bends_where_the_slope_begins():
-    """Front wheels 0.3 m into a 10 deg slope, the rest on level ground: only the rocker's front end points up."""
+    """Front wheels 0.3 m into a 10 deg slope, the rest on level ground: the rockers tilt, and the body with them."""
     world, _ = make_world(on_sand(ramp(1.0, 0.05, math.radians(10.0))), sensors=QUIET)
     world.plant.body[p.X] = 1.3
     angle = drive(world, 0.05)[-1].suspension.angle
     height = 0.3 * math.tan(math.radians(10.0))
     rocker = math.atan2(height, 1.45)  # pivot midway between middle and rear axle, at -1.45 m
-    x = np.array([0.0, -1.0, -1.9])
-    pitch = math.atan(np.polyfit(x, [height, 0.0, 0.0], 1)[0])
-    np.testing.assert_allclose(angle[[0, 2]], rocker - pitch, atol=0.003)
-    np.testing.assert_allclose(angle[[1, 3]], -pitch, atol=0.003)
-    assert rocker - pitch > 0.0
+    np.testing.assert_allclose(angle[[0, 2]], 0.0, atol=0.003)
+    np.testing.assert_allclose(angle[[1, 3]], -rocker, atol=0.004)  # wheels sink differently
+
+
+def test_a_stone_under_one_side_turns_the_rockers_against_each_other():
+    world, _ = make_world(sensors=QUIET)
+    samples = world.plant._samples
+    raised = np.repeat(samples, 2, axis=0)  # rows at y = 0 and 1: the left wheels stand on the second
+    raised[1, 75:85, ground_grid.HEIGHT] += 0.1  # x = -0.25 to 0.25 m, the front wheel alone
+    world.plant._samples = raised
+    angle = drive(world, 0.05)[-1].suspension.angle
+    assert angle[0] == pytest.approx(-angle[2], abs=1e-9)
+    assert angle[0] == pytest.approx(0.5 * math.atan2(0.1, 1.45), abs=0.002)
 
 
 def test_noise_of_odometry_and_joints_has_the_size_it_is_given():

@@ -47,13 +47,14 @@ def test_values_cross_the_wire_bit_for_bit(stamp_ns, per_wheel, whole):
 
 def test_each_value_stands_at_its_name():
     values = NamedValues(GROUND_TRUTH, ("l", "r"))
-    per_wheel = np.arange(18.0).reshape(2, 9)
-    message = deserialize_message(values.to_message(1_500_000_000, per_wheel, [100.0, 101.0, 102.0, 103.0]), JointState)
+    per_wheel = np.arange(22.0).reshape(2, 11)
+    whole = [100.0 + index for index in range(7)]
+    message = deserialize_message(values.to_message(1_500_000_000, per_wheel, whole), JointState)
     named = dict(zip(message.name, message.position, strict=True))
     for row, wheel in enumerate(("l", "r")):
         for column, quantity in enumerate(GROUND_TRUTH.per_wheel):
             assert named[f"{wheel}/{quantity.name}"] == per_wheel[row, column]
-    assert [named[quantity.name] for quantity in GROUND_TRUTH.whole_rover] == [100.0, 101.0, 102.0, 103.0]
+    assert [named[quantity.name] for quantity in GROUND_TRUTH.whole_rover] == whole
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1, 500_000_000)
     assert values.names == tuple(message.name)
 
