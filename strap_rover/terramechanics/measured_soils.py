@@ -145,6 +145,19 @@ CMU_SAND = fitted_sand(CMU_SMOOTH, *CMU_FIT)
 """Refilling sand of the Robomechanics Lab's test bed, loose and soft."""
 
 
+TYPICAL_DIGGING = 0.46
+"""delta/r between those of the two sands (0.50 and 0.43), whose wheels differ in radius by a factor of 2.7."""
+
+
+def typical(soil: Soil, unit_weight: float = 15.0e3) -> DiggableSoil:
+    """A sand of which nothing but plate and shear tests is known: dug as the two measured ones, delta/r between theirs.
+
+    A guess to begin with. Stiffness and friction from plates are not those under a wheel: in the measured sands the fit
+    is 4.0 and 1.25 times as stiff as published, with 0.68 and 1.12 times the published tan phi.
+    """
+    return DiggableSoil(soil, TYPICAL_DIGGING, REFILLING, unit_weight, tested_radius=1.0)
+
+
 def trapping(sand: DiggableSoil, refill_ratio: float = TRAPPING) -> DiggableSoil:
     """The same sand, had it the refill ratio of the trapping kind: as deep at low slip, buried at high slip.
 

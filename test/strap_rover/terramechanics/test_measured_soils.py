@@ -12,6 +12,7 @@ from strap_rover.terramechanics.measured_soils import (
     DING_2011_SMOOTH,
     REFILLING,
     trapping,
+    typical,
 )
 from strap_rover.terramechanics.slip_sinkage import steady_wheel
 
@@ -65,6 +66,16 @@ def test_trapping_sand_is_the_same_at_low_slip_and_buries_a_spinning_wheel(test,
     assert buried[0] == pytest.approx(kept[0], rel=0.02)
     assert (buried[1:] > kept[1:]).all()
     assert kept[3] < 0.6 * test.wheel.radius < buried[3]
+
+
+@pytest.mark.parametrize(("test", "sand"), SANDS)
+def test_typical_digging_lies_between_the_measured_ones(test, sand):
+    guess = typical(sand.soil, sand.unit_weight)
+    assert guess.digging_depth(test.wheel) == pytest.approx(sand.digging_depth(test.wheel), rel=0.1)
+    load = float(test.load.mean())
+    slips = np.array([0.1, 0.4, 0.8])
+    known = steady_wheel(test.wheel, sand, load, slips).sinkage
+    assert steady_wheel(test.wheel, guess, load, slips).sinkage == pytest.approx(known, rel=0.08)
 
 
 def test_trapping_sand_keeps_to_its_range():

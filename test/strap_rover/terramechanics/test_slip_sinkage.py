@@ -1,6 +1,6 @@
 import itertools
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from strap_rover.arrays import FloatArray
 from strap_rover.terramechanics.contact import Wheel
 from strap_rover.terramechanics.slip_sinkage import (
     DEEPEST_EXCAVATED,
@@ -38,6 +39,8 @@ LOAM = DiggableSoil(
     refill_ratio=0.4,
     unit_weight=17.0e3,
 )
+SHEARED = replace(MEASURED_LAW, grouser_share=0.4)
+"""With a shearing radius, which the measured law does not use."""
 LAW = MEASURED_LAW.row()
 QUADRATURE = 3e-6
 """Of the largest force: what 8 nodes per panel (16 when braking) leave."""
@@ -129,9 +132,10 @@ def kernel(
     motion: tuple[float, float, float],
     grouser_height: float = 0.0,
     wheel: Wheel = WHEEL,
+    law: FloatArray = LAW,
 ) -> tuple[float, ...]:
     return dug_wheel_kernel(
-        wheel.radius, wheel.width, grouser_height, ground.row(wheel), LAW, pressed, excavated, standing, *motion
+        wheel.radius, wheel.width, grouser_height, ground.row(wheel), law, pressed, excavated, standing, *motion
     )
 
 
@@ -139,8 +143,8 @@ def kernel(
 @pytest.mark.parametrize("ground", [SAND, LOAM], ids=["sand", "loam"])
 def test_the_kernel_integrates_the_law_as_it_is_written(ground, motion):
     for pressed, excavated, standing, grousers in ((0.012, 0.0, 0.0, 0.0), (0.01, 0.05, 0.3, 0.01)):
-        wanted = by_quadrature(WHEEL, ground, MEASURED_LAW, pressed, excavated, standing, motion, grousers)
-        got = kernel(ground, pressed, excavated, standing, motion, grousers)
+        wanted = by_quadrature(WHEEL, ground, SHEARED, pressed, excavated, standing, motion, grousers)
+        got = kernel(ground, pressed, excavated, standing, motion, grousers, law=SHEARED.row())
         assert got[:2] == pytest.approx((wanted["theta_1"], wanted["theta_2"]), rel=1e-12)
         largest = max(abs(wanted[name]) for name in ("traction", "resistance", "lateral", "vertical"))
         names = ("traction", "resistance", "lateral", "vertical")
@@ -148,8 +152,8 @@ def test_the_kernel_integrates_the_law_as_it_is_written(ground, motion):
         assert got[6] == pytest.approx(wanted["torque"], abs=QUADRATURE * largest * WHEEL.radius)
 
 
-def steady(slip, angle=0.0, ground=SAND, load=80.0, wheel=WHEEL, grouser_height=0.0):
-    return steady_wheel(wheel, ground, load, slip, angle, grouser_height=grouser_height)
+def steady(slip, angle=0.0, ground=SAND, load=80.0, wheel=WHEEL, grouser_height=0.0, law=MEASURED_LAW):
+    return steady_wheel(wheel, ground, load, slip, angle, law, grouser_height)
 
 
 def test_the_load_is_carried_at_every_slip_and_slip_angle():
@@ -209,8 +213,8 @@ def test_the_motor_gives_at_least_what_the_load_takes():
     om = np.where(slip >= 0.0, 1.0, 1.0 + slip)
     hub = np.where(slip >= 0.0, 1.0 - slip, 1.0)
     for ground in (SAND, LOAM):
-        for height in (0.0, 0.012):
-            got = steady(slip, angle, ground, grouser_height=height)
+        for height, law in ((0.0, MEASURED_LAW), (0.012, MEASURED_LAW), (0.012, SHEARED)):
+            got = steady(slip, angle, ground, grouser_height=height, law=law)
             given_power = got.torque * om / WHEEL.radius
             taken = hub * (got.drawbar_pull * np.cos(angle) - got.lateral * np.sin(angle))
             assert (given_power >= taken).all()
@@ -259,6 +263,13 @@ def test_grousers_pull_more_dig_deeper_and_vanish_with_their_height():
     assert tiny.drawbar_pull == pytest.approx(smooth.drawbar_pull, rel=1e-5)
     assert tiny.sinkage == pytest.approx(smooth.sinkage, rel=1e-5)
     assert steady(-0.9, grouser_height=0.01).excavated == pytest.approx(steady(-0.9).excavated)
+
+
+def test_a_shearing_radius_beyond_the_rim_pulls_a_wheel_that_does_not_slip():
+    rim, tips = steady(0.0, grouser_height=0.01), steady(0.0, grouser_height=0.01, law=SHEARED)
+    assert tips.drawbar_pull > rim.drawbar_pull
+    assert tips.torque > rim.torque
+    assert steady(0.0, law=SHEARED).drawbar_pull == steady(0.0).drawbar_pull
 
 
 def forces_by_depth(ground, motion, excavated, depths, wheel=WHEEL, standing=0.0):
