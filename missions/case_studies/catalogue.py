@@ -16,6 +16,12 @@ def _mars_snag(folder: Path, console: Console, stopped: Callable[[], bool], shor
     return run_study(folder, runs or (2 if short else 50), console, stopped, short=short)
 
 
+def _single_wheel(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
+    from missions.case_studies.single_wheel import run_study  # noqa: PLC0415 - only needed here
+
+    return run_study(folder, console, stopped, short=short, members=runs)
+
+
 def _live_endurance(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
     from missions.case_studies.live_endurance import run_study  # noqa: PLC0415 - only needed here
 
@@ -43,6 +49,7 @@ def _strap_faults(folder: Path, console: Console, stopped: Callable[[], bool], s
 
 STUDIES: Mapping[str, Study] = MappingProxyType(
     {
+        "single_wheel": _single_wheel,
         "mars_snag": _mars_snag,
         "strap_bench": _strap_bench,
         "strap_faults": _strap_faults,

@@ -25,7 +25,7 @@ def test_the_plant_settles_where_the_law_of_steady_motion_says(case, slip):
     steady = steady_wheel(Wheel(0.2, 0.2), soil, 70.0, slip, law=replace(MEASURED_LAW, rear_ratio=rear))
     assert found.sinkage_mm == pytest.approx(1e3 * steady.sinkage, rel=0.01)
     assert math.radians(found.theta_1_deg) == pytest.approx(steady.theta_1, rel=0.01)
-    assert math.radians(found.theta_2_deg) == pytest.approx(steady.theta_2, rel=0.02)
+    assert math.radians(found.theta_2_deg) == pytest.approx(steady.theta_2, rel=0.02, abs=1e-5)
     assert found.drawbar_pull_n == pytest.approx(steady.drawbar_pull, abs=0.5)
 
 

@@ -1,0 +1,385 @@
+"""Case study 1 of the source paper, `single_wheel`: one wheel on a test stand on Earth, 1 kg, 70 N, soil S11.
+
+Figures 2 to 5, 7, 9 and 12 to 14 as numbers and pictures beside what the paper states; every controller on randomised
+sand of two kinds; and one run through the ROS graph, number for number equal to the run without it.
+"""
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+
+from missions.case_studies.baselines import BASELINES, SOIL_FLOW
+from missions.case_studies.flow_sweep import SPEEDS_MPS, HeldFlow
+from missions.case_studies.plain_table import PlainTable
+from missions.case_studies.run_ledger import RUNS_FILE, LedgerForm, run_jobs
+from missions.case_studies.single_wheel_claims import (
+    Findings,
+    claims,
+    family_tables,
+    flow_tables,
+    in_stated_sinkage,
+    kept_going,
+    spread,
+    unbalanced_energy,
+)
+from missions.case_studies.single_wheel_contact import (
+    SLIPS,
+    split_of_one_contact,
+    split_on_the_stand,
+    split_under_load,
+    static_zones,
+)
+from missions.case_studies.single_wheel_pictures import (
+    draw_control_volume,
+    draw_controlled,
+    draw_family,
+    draw_flow,
+    draw_split,
+    draw_stages,
+    draw_static_zones,
+    draw_uncontrolled,
+)
+from missions.case_studies.single_wheel_runs import (
+    FAMILY_SEED,
+    SANDS,
+    UNCONTROLLED,
+    drive_plan,
+    run_job,
+    stand_deformability,
+    study_jobs,
+)
+from missions.case_studies.single_wheel_stages import play_back
+from missions.case_studies.study_result import Chart, Curve, StudyFigure, StudyResult
+from missions.core_run import run_cores
+from missions.plan import RunPlan
+from missions.run_log import RunLog
+from missions.stop_request import never
+
+MEMBERS, SHORT_MEMBERS = 20, 1
+STAGES_S = (0.6, 2.0, 3.5, 5.0)
+UNCONTROLLED_STAGES_S = (0.6, 1.6, 3.0, 6.0)
+LOCKSTEP_S = 2.5
+TITLE = "Case study 1: one wheel on a test stand, 70 N on soil S11"
+
+
+@dataclass(frozen=True, slots=True)
+class GraphComparison:
+    """The run through the nodes beside the same run without them."""
+
+    seconds: float
+    values: int
+    """Numbers compared, stamps included."""
+    differing: int
+
+    @property
+    def is_equal(self) -> bool:
+        """Whether every number is the same number."""
+        return self.differing == 0 and self.values > 0
+
+
+def run_study(
+    folder: Path,
+    console: Console,
+    stopped: Callable[[], bool] = never,
+    *,
+    short: bool = False,
+    members: int | None = None,
+) -> bool:
+    """Run what the folder does not hold yet on all cores, then judge, draw and write `summary.json`.
+
+    False when `stopped()` ended it early (what is done is kept), or when energy or the run through the graph is wrong.
+    """
+    number = members or (SHORT_MEMBERS if short else MEMBERS)
+    form = LedgerForm("single_wheel", short, {"members": number, "seed": FAMILY_SEED})
+    jobs = study_jobs(number, short=short)
+    runs = run_jobs(folder, form, jobs, run_job, console, stopped)
+    if len(runs) < len(jobs) or stopped():
+        return False
+    with console.status("one run through the ROS graph"):
+        compared = compare_with_graph(drive_plan(_lockstep_job(number, short=short)), stopped)
+    if compared is None:
+        return False
+    with console.status("soil nodes, pictures"):
+        found = findings(runs)
+        draw(found, folder)
+    result = study_result(found, compared, number, short=short)
+    result.write(folder)
+    for table in (*result.tables, result.claims_table()):
+        console.print(table.drawn())
+    for words in result.words:
+        console.print(escape(words))
+    console.print(f"every run: {escape(str(folder / RUNS_FILE))}")
+    return compared.is_equal and not unbalanced_energy(found)
+
+
+def _lockstep_job(members: int, *, short: bool) -> Any:
+    return study_jobs(members, short=short)[f"trapping 0 {SOIL_FLOW}"]
+
+
+def compare_with_graph(plan: RunPlan, stopped: Callable[[], bool] = never) -> GraphComparison | None:
+    """The first seconds of a plan through the real nodes and without ROS; None when `stopped()` before its end."""
+    from missions.lockstep import run_lockstep  # noqa: PLC0415 - ROS is slow
+    from missions.run_log import run_log_from_bag  # noqa: PLC0415
+
+    plan = replace(plan, duration_s=min(plan.duration_s, LOCKSTEP_S))
+    with tempfile.TemporaryDirectory(prefix="strap_rover-") as scratch:
+        bag = Path(scratch) / "bag"
+        if run_lockstep(plan, bag, None, stopped) < plan.cycles:
+            return None
+        through_nodes = run_log_from_bag(bag, plan.rover.wheel_names)
+    values, differing = compare_logs(through_nodes, run_cores(plan))
+    return GraphComparison(plan.duration_s, values, differing)
+
+
+def compare_logs(one: RunLog, other: RunLog) -> tuple[int, int]:
+    """How many numbers two logs of a run hold, and how many are not the same number; another shape counts whole."""
+    values = differing = 0
+    for name in sorted({*one.series, *other.series}):
+        for part in ("stamp_ns", "per_wheel", "whole_rover"):
+            pair = [getattr(log.series[name], part) if name in log.series else np.empty(0) for log in (one, other)]
+            values += max(array.size for array in pair)
+            if pair[0].shape == pair[1].shape:
+                differing += int((~((pair[0] == pair[1]) | ((pair[0] != pair[0]) & (pair[1] != pair[1])))).sum())
+            else:
+                differing += max(array.size for array in pair)
+    return values, differing
+
+
+def findings(runs: Mapping[str, Any]) -> Findings:
+    """All that is needed to judge and draw, from the results of the runs."""
+    _, de = stand_deformability()
+    flows = {
+        kind: [HeldFlow(**run) for key, run in runs.items() if key.startswith(f"sweep {kind} ")]
+        for kind in ("trapping", "refilling")
+    }
+    return Findings(
+        runs=runs,
+        splits=(
+            split_of_one_contact(),
+            split_under_load(),
+            split_on_the_stand(SANDS["trapping"].reference(), "S11, trapping"),
+            split_on_the_stand(SANDS["refilling"].reference(), "S11, refilling"),
+        ),
+        zones=static_zones(),
+        controlled={
+            sand: play_back(runs[f"reference {sand} {SOIL_FLOW}"]["trace"], de, STAGES_S)
+            for sand in ("trapping", "refilling")
+        },
+        uncontrolled=play_back(runs[f"reference weak {UNCONTROLLED}"]["trace"], de, UNCONTROLLED_STAGES_S),
+        flows=flows,
+    )
+
+
+PICTURES: tuple[StudyFigure, ...] = (
+    StudyFigure(
+        "single_wheel_split.png",
+        "Figs 2, 3: bulldozing and traction",
+        "Share of the contact that pushes back against the wheel, and the force of both parts, against slip.",
+    ),
+    StudyFigure(
+        "single_wheel_stages.png",
+        "Figs 4, 13: soil under the controlled wheel",
+        "10 000 nodes moved by the flow law while the controller drives, on both kinds of sand.",
+    ),
+    StudyFigure(
+        "single_wheel_control_volume.png",
+        "Fig. 5: control volume",
+        "Where soil enters and leaves the zone under the wheel; arrows: the flow law.",
+    ),
+    StudyFigure(
+        "single_wheel_static_zones.png",
+        "Fig. 7: static contact zones",
+        "Curiosity's wheel at rest on S1 to S24, and the deformability that either rule reads from it.",
+    ),
+    StudyFigure(
+        "single_wheel_flow.png",
+        "Fig. 9: soil flow at held slip",
+        "18 runs per kind of sand: mass flow in and out, flow ratio, angles.",
+    ),
+    StudyFigure(
+        "single_wheel_uncontrolled.png",
+        "Fig. 12: without sensor",
+        "2 rad/s whatever happens: the soil on weaker sand, force and speed at first, and in the long run.",
+    ),
+    StudyFigure(
+        "single_wheel_controlled.png",
+        "Fig. 14: controlled",
+        "Contact zone, angular and linear velocity, sinkage, force and flow ratio of the controlled wheel.",
+    ),
+    StudyFigure(
+        "single_wheel_family.png",
+        "All controllers, all members",
+        "Deepest sinkage of every randomised member, and whether it ever stood.",
+    ),
+)
+
+
+def draw(found: Findings, folder: Path) -> None:
+    """All pictures into the folder."""
+    split, stages, volume, zones, flow, uncontrolled, controlled, family = (
+        folder / picture.file for picture in PICTURES
+    )
+    _, de = stand_deformability()
+    draw_split(found.splits, split)
+    titled = {f"{sand} sand": play for sand, play in found.controlled.items()}
+    draw_stages(titled, "Controlled wheel pulling 40 N: 10 000 soil nodes under the flow law", stages)
+    play = found.controlled["trapping"]
+    shown = play.stages[-2]
+    draw_control_volume(shown, de, play.flow[int(np.searchsorted(play.time_s, shown.time_s))], volume)
+    draw_static_zones(found.zones, zones)
+    draw_flow(found.flows, flow)
+    constant = {
+        f"{sand.reference().drawbar_load_n:g} N, {sand.name} sand": found.runs[f"reference {name} {UNCONTROLLED}"][
+            "trace"
+        ]
+        for name, sand in SANDS.items()
+    }
+    free = [run for key, run in found.runs.items() if key.startswith("free wheel")]
+    draw_uncontrolled(found.uncontrolled, free, constant, uncontrolled)
+    driven = {
+        f"{controller}, {sand}": found.runs[f"reference {sand} {controller}"]["trace"]
+        for sand in ("trapping", "refilling")
+        for controller in (SOIL_FLOW,)
+    }
+    draw_controlled(driven, controlled)
+    members = {
+        sand: {
+            name: [(m["largest_sinkage_mm"], bool(m["kept_going"])) for m in found.members(sand, name)]
+            for name in BASELINES
+        }
+        for sand in SANDS
+    }
+    draw_family(members, family)
+
+
+def study_result(found: Findings, compared: GraphComparison, members: int, *, short: bool) -> StudyResult:
+    """Everything as a record that a report can read."""
+    return StudyResult(
+        study="single_wheel",
+        title=TITLE,
+        is_short=short,
+        words=_words(found, compared, members),
+        assumptions=(
+            "Wheel r = b = 0.20 m: the paper does not state its size.",
+            "Stickiness st 0.6 of S11 (phi 35 deg, c 1.9 kPa): the paper states none; members 0.57 to 0.63.",
+            "A drawbar load of 40 N, members 38 to 50 N: the paper shows a force of 38 to 50 N and no load.",
+            "Trapping sand: delta 20 mm and kappa 0, members 10 to 30 mm and 0 to 0.5; no such sand has been measured.",
+            "Refilling sand: delta 80 mm and kappa 3, members 25 to 82 mm; it spans the two sands that were measured.",
+            "Members' stiffness 0.8 to 1.25 times Table II; sensor noise 0.5 to 2 times the simulation's usual.",
+            "Weaker sand: st lower by 0.2, load 38 N; not in the paper, where no sand is named that holds a wheel.",
+            "Asked for: 0.1 m/s, but for the constant speeds; motor lag 0.1 s and 2 rad/s^2.",
+            "Flow law as corrected (q squared, vertical part about x_p, M_out at x_out), vc in its lobe form.",
+            "The flow law is evaluated at slip 0.45 where slip is more; de is the inverse of Eq. 7.",
+        ),
+        claims=claims(found),
+        tables=(*family_tables(found), *flow_tables(found.flows), _graph_table(compared)),
+        figures=PICTURES,
+        charts=_charts(found),
+    )
+
+
+def _graph_table(compared: GraphComparison) -> PlainTable:
+    row = ("soil_flow, first member", f"{compared.seconds:g}", str(compared.values), str(compared.differing))
+    return PlainTable("Through the ROS graph in lockstep, beside without", ("run", "s", "numbers", "differing"), (row,))
+
+
+def _words(found: Findings, compared: GraphComparison, members: int) -> tuple[str, ...]:
+    words = []
+    for sand in ("trapping", "refilling"):
+        driven = found.members(sand, SOIL_FLOW)
+        words.append(
+            f"At the stated load on {sand} sand the controlled wheel keeps going in {kept_going(driven)} of {members} "
+            f"members, {spread(driven, 'steady_sinkage_mm').said('mm')} deep, {in_stated_sinkage(driven)} of them "
+            f"within 3 to 4 cm. {_all_alike(found, sand)}"
+        )
+    deepest = ", ".join(
+        f"{name} {kept_going(chosen)} of {len(chosen)} at {spread(chosen, 'largest_sinkage_mm').said('mm')}"
+        for name in BASELINES
+        if (chosen := found.members("weak", name))
+    )
+    words.append(f"On weaker sand, where 38 N is near what the wheel can pull, kept going and how deep in: {deepest}.")
+    wrong = unbalanced_energy(found)
+    drives = sum("wheel_work_j" in run for run in found.runs.values())
+    energy = "in every one" if not wrong else f"but for {', '.join(wrong)}"
+    words.append(
+        f"In {drives} drives the motor's work on the wheel exceeds the wheel's work on its load {energy}. "
+        f"One run went through the ROS graph in lockstep: of {compared.values} numbers {compared.differing} differ "
+        "from the run without."
+    )
+    return tuple(words)
+
+
+def _all_alike(found: Findings, sand: str) -> str:
+    """Says whether any baseline does worse at the stated load."""
+    ours = found.members(sand, SOIL_FLOW)
+    worse = [
+        name
+        for name in BASELINES
+        if kept_going(found.members(sand, name)) < kept_going(ours)
+        or in_stated_sinkage(found.members(sand, name)) < in_stated_sinkage(ours)
+    ]
+    if worse:
+        return f"Fewer do so under {', '.join(worse)}."
+    return "No baseline does worse, the constant speeds and the plain slip limits included."
+
+
+def _charts(found: Findings) -> tuple[Chart, ...]:
+    charts = [
+        Chart(
+            "Bulldozing share of the contact (Figs 2, 3)",
+            "slip [-]",
+            "share of the contact [-]",
+            tuple(Curve(c.name, _floats(SLIPS), _floats(c.bulldozing_share)) for c in found.splits),
+        )
+    ]
+    for sand, runs in found.flows.items():
+        curves = []
+        for speed in SPEEDS_MPS:
+            chosen = [run for run in runs if run.speed_mps == speed]
+            slip = tuple(run.slip for run in chosen)
+            curves.append(Curve(f"in, {speed:g} m/s", slip, tuple(1e3 * run.entering for run in chosen)))
+            curves.append(Curve(f"out, {speed:g} m/s", slip, tuple(1e3 * run.leaving for run in chosen)))
+        charts.append(
+            Chart(f"Soil flow at held slip, {sand} sand (Fig. 9)", "slip [-]", "mass flow [g/s]", tuple(curves))
+        )
+    free = [run for key, run in found.runs.items() if key.startswith("free wheel")]
+    charts.append(
+        Chart(
+            "Set down at 2 rad/s: horizontal force (Fig. 12)",
+            "time [s]",
+            "force [N]",
+            tuple(Curve(f"pulls {run['load_n']:g} N", tuple(run["time_s"]), tuple(run["force_n"])) for run in free),
+        )
+    )
+    for name, label, factor in (
+        ("command_radps", "angular velocity, commanded [rad/s]", 1.0),
+        ("speed_mps", "speed [m/s]", 1.0),
+        ("sinkage_m", "sinkage [mm]", 1e3),
+        ("pull_n", "horizontal force [N]", 1.0),
+    ):
+        for family in SANDS.values():
+            curves = [
+                _band(found.members(family.name, controller), controller, name, factor)
+                for controller in (SOIL_FLOW, UNCONTROLLED)
+            ]
+            charts.append(
+                Chart(f"{label.split(' [')[0]}: {family.title} (Figs 12, 14)", "time [s]", label, tuple(curves))
+            )
+    return tuple(charts)
+
+
+def _band(members: Sequence[Mapping[str, Any]], name: str, quantity: str, factor: float) -> Curve:
+    """Mean and spread over the members, over time."""
+    values = factor * np.array([member["trace"][quantity] for member in members])
+    time_s = members[0]["trace"]["time_s"]
+    return Curve(name, tuple(time_s), _floats(values.mean(axis=0)), _floats(values.std(axis=0)))
+
+
+def _floats(values: Any) -> tuple[float, ...]:
+    return tuple(float(f"{value:.6g}") for value in values)
