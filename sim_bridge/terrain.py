@@ -14,13 +14,17 @@ from scipy.ndimage import convolve1d
 
 from strap_rover.arrays import FloatArray, IntArray
 from strap_rover.terramechanics.ground_grid import CROSS_SLOPE, FIELDS, HEIGHT, K_C, SLOPE, UNIT_WEIGHT, ground_kernel
+from strap_rover.terramechanics.measured_soils import CMU_SAND, DING_2011_SAND, REFILLING
+from strap_rover.terramechanics.slip_sinkage import DiggableSoil
 from strap_rover.terramechanics.soil import MARS_DRY_SAND, Soil, soil_from_de_st
 
 MARS_GRAVITY = 3.711
 """Acceleration of gravity on Mars [m/s^2]."""
+EARTH_GRAVITY = 9.81
+"""Acceleration of gravity on Earth [m/s^2]."""
 MARS_SAND_UNIT_WEIGHT = 1500.0 * MARS_GRAVITY
 """gamma [N/m^3] of loose sand (1500 kg/m^3) under the gravity of Mars."""
-EARTH_SAND_UNIT_WEIGHT = 1500.0 * 9.81
+EARTH_SAND_UNIT_WEIGHT = 1500.0 * EARTH_GRAVITY
 """gamma [N/m^3] of loose sand (1500 kg/m^3) under the gravity of the Earth."""
 BLEND_LENGTH = 0.25
 """One soil gives way to the next over this length [m]."""
@@ -76,10 +80,26 @@ ROCK = Ground(
 _SOFT = soil_from_de_st(0.3, 0.385)
 SOFT_TRAPPING = Ground(_SOFT, excavation_depth=0.02)
 """Soft sand that never flows back: an ASSUMPTION, the one that reproduces the burials of the source paper."""
-SOFT_REFILLING = Ground(_SOFT, excavation_depth=0.08, refill_ratio=3.0)
+SOFT_REFILLING = Ground(_SOFT, SOFT_TRAPPING.excavation_depth * (1.0 + REFILLING), refill_ratio=REFILLING)
 """The same sand flowing back as measured sands do: at little slip it is dug as deep, at much slip far less."""
+
+
+def ground_as_tested(sand: DiggableSoil, radius: float) -> Ground:
+    """A measured sand on Mars as a wheel of `radius` [m] digs it: what it carries off goes with its radius."""
+    depth = sand.excavation_depth * (radius / sand.tested_radius if sand.tested_radius else 1.0)
+    weight = sand.unit_weight * MARS_GRAVITY / EARTH_GRAVITY
+    return Ground(sand.soil, depth, refill_ratio=sand.refill_ratio, unit_weight=weight)
+
+
+_NAMED_RADIUS = 0.25
+DING_2011 = ground_as_tested(DING_2011_SAND, _NAMED_RADIUS)
+"""Refilling sand as measured under a smooth wheel by Ding et al. (2011), dug by a wheel of 0.25 m radius."""
+CMU = ground_as_tested(CMU_SAND, _NAMED_RADIUS)
+"""Loose refilling sand as measured by the CMU Robomechanics Lab, dug by a wheel of 0.25 m radius."""
 GROUNDS: Mapping[str, Ground] = MappingProxyType(
     {
+        "cmu_sand": CMU,
+        "ding_2011_sand": DING_2011,
         "firm_sand": FIRM_SAND,
         "rock": ROCK,
         "soft_refilling_sand": SOFT_REFILLING,

@@ -7,7 +7,7 @@ soil          (rows, stations)       which soil lies there: an index from 0 into
 soil_names    (soils,)               that table as names of known soils, or
 soil_values   (soils, columns)       as numbers in the order of SOIL_COLUMNS
 blend_m       ()                     optional: one soil gives way to the next over this length [m]
-gravity_mps2  ()                     optional: where the unit weights hold; the names' are for Mars
+gravity_mps2  ()                     optional, with soil_values: where their unit weights hold; else Mars
 """
 
 import math
@@ -198,6 +198,8 @@ def _check_keys(arrays: Mapping[str, npt.NDArray[Any]], problems: list[str]) -> 
         problems.append(f"soil_names: missing; {_REMEDIES['soil_names']}")
     if "soil_names" in arrays and "soil_values" in arrays:
         problems.append("soil_names: the table of soils is given by soil_values, too; remove one of them")
+    elif "soil_names" in arrays and "gravity_mps2" in arrays:
+        problems.append("gravity_mps2: is for soil_values, named soils know where they are; remove it")
 
 
 _REMEDIES = {

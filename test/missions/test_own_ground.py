@@ -1,6 +1,8 @@
 """Ground from a file and the shipped four-wheel rover, in the plan, the core run and the world's node."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +13,13 @@ from missions.summary import summarize
 from sim_bridge.node import SimBridge
 from sim_bridge.parameters import SimBridgeParameters
 from sim_bridge.scenarios import scenario_named
-from sim_bridge.terrain import FIRM_SAND, SOFT_TRAPPING, Stretch, build_terrain, ramp
-from sim_bridge.terrain_file import write_terrain_file
+from sim_bridge.terrain import FIRM_SAND, ROCK, SOFT_TRAPPING, Stretch, build_terrain, ramp
+from sim_bridge.terrain_file import read_terrain_file, write_terrain_file
 from sim_bridge.world import site_of
 from strap_rover import topics
 from strap_rover.rover import load_rover
 from strap_rover.settings import SettingsError
-from strap_rover.terramechanics.ground_grid import UNIT_WEIGHT
+from strap_rover.terramechanics.ground_grid import K_PHI, REFILL_RATIO, UNIT_WEIGHT
 
 
 @pytest.fixture
@@ -104,3 +106,21 @@ def test_the_shipped_four_wheel_rover_drives_over_the_composite_ground():
     weight = plan.rover.mass_kg * 9.81
     assert (load > weight * math.cos(math.radians(15.0))).all()
     assert (load <= weight * (1.0 + 1e-6)).all()
+
+
+def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    mesh = build_terrain([(0.0, [Stretch(-math.inf, FIRM_SAND)])], ramp(1.0, 1.0, 0.05), x_end=20.0)
+    write_terrain_file(tmp_path / "crater.npz", mesh)
+    text = (Path(__file__).parents[2] / "docs" / "terrain.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
+        exec(block, {})
+    for name in ("field", "crater_soft"):
+        plan = plan_run("mars_snag", terrain=tmp_path / f"{name}.npz", duration_s=0.1)
+        assert plan.scenario.name == f"ground_{name}"
+    field = read_terrain_file(tmp_path / "field.npz")
+    assert field.at(6.0, 1.0)[K_PHI] == pytest.approx(ROCK.soil.k_phi)
+    assert field.at(12.0, 0.0)[K_PHI] == pytest.approx(SOFT_TRAPPING.soil.k_phi)
+    assert read_terrain_file(tmp_path / "crater_soft.npz").at(15.0, 0.0)[REFILL_RATIO] == pytest.approx(3.0)

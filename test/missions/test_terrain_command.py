@@ -115,7 +115,7 @@ def test_what_cannot_be_done_is_refused_in_words(tmp_path, slope_stl, refused):
     assert "no scenario 'hills'; known: composite" in refused("make", "hills", "--out", out)
     assert "--scale: is for a mesh; leave it out" in refused("make", "composite", "--scale", 2, "--out", out)
     assert "--soil: is for a mesh" in refused("make", "composite", "--soil", "rock", "--out", out)
-    assert "--soil: no soil 'mud'; known: firm_sand" in refused("make", slope_stl, "--soil", "mud", "--out", out)
+    assert "--soil: no soil 'mud'; known: cmu_sand" in refused("make", slope_stl, "--soil", "mud", "--out", out)
     assert "heading_deg: 45" in refused("make", slope_stl, "--heading", 45, "--out", out)
     assert "--seed 1: is for a scenario; leave it out for a mesh" in refused(
         "make", slope_stl, "--seed", 1, "--out", out

@@ -16,6 +16,7 @@ from sim_bridge.terrain import (
     Stretch,
     Terrain,
     build_terrain,
+    ground_as_tested,
     ground_named,
     mapped_terrain,
     ramp,
@@ -39,6 +40,7 @@ from strap_rover.terramechanics.ground_grid import (
     N,
     height_kernel,
 )
+from strap_rover.terramechanics.measured_soils import DING_2011_SAND, DING_2011_SMOOTH
 from strap_rover.terramechanics.soil import Soil
 
 ROUNDING = 1e-9
@@ -206,8 +208,19 @@ def test_under_another_gravity_only_the_unit_weight_changes() -> None:
 
 def test_grounds_are_known_by_name() -> None:
     assert ground_named("rock") is ROCK
-    with pytest.raises(ValueError, match=r"no soil 'mud'; known: firm_sand, rock, soft_refilling_sand, soft_"):
+    with pytest.raises(ValueError, match=r"no soil 'mud'; known: cmu_sand, ding_2011_sand, firm_sand, rock, soft_"):
         ground_named("mud")
+
+
+def test_a_measured_sand_is_dug_in_proportion_to_the_wheel() -> None:
+    for radius in (0.5 * DING_2011_SMOOTH.wheel.radius, DING_2011_SMOOTH.wheel.radius, 0.25):
+        ground = ground_as_tested(DING_2011_SAND, radius)
+        wheel = Wheel(radius, 0.165)
+        assert ground.excavation_depth == pytest.approx(DING_2011_SAND.digging_depth(wheel))
+        assert ground.refill_ratio == DING_2011_SAND.refill_ratio
+        assert ground.unit_weight / DING_2011_SAND.unit_weight == pytest.approx(3.711 / 9.81)
+        assert ground.soil == DING_2011_SAND.soil
+    assert ground_named("ding_2011_sand") == ground_as_tested(DING_2011_SAND, 0.25)
 
 
 def samples_with(field: int, value: float) -> FloatArray:

@@ -96,7 +96,7 @@ def test_unit_weights_are_for_the_gravity_asked_for(tmp_path: Path) -> None:
     on_mars = read_terrain_file(written(tmp_path))
     on_earth = read_terrain_file(written(tmp_path), gravity=9.81)
     assert on_earth.samples[..., UNIT_WEIGHT] == pytest.approx(on_mars.samples[..., UNIT_WEIGHT] * 9.81 / MARS_GRAVITY)
-    said = read_terrain_file(written(tmp_path, gravity_mps2=9.81), gravity=9.81)
+    said = read_terrain_file(written(tmp_path, **MEASURED, gravity_mps2=9.81), gravity=9.81)
     assert said.samples[..., UNIT_WEIGHT] == pytest.approx(on_mars.samples[..., UNIT_WEIGHT])
 
 
@@ -137,6 +137,7 @@ HOLED[3, 7] = math.nan
 CLIFF = content()["height_m"].copy()
 CLIFF[:, 60:] += 1.0
 VALUES = np.array([FIRM_SAND.row()[K_C:], ROCK.row()[K_C:]])
+MEASURED: dict[str, Any] = {"soil_names": None, "soil_values": VALUES}
 
 
 def values_with(name: str, value: float) -> dict[str, Any]:
@@ -161,7 +162,10 @@ def values_with(name: str, value: float) -> dict[str, Any]:
         ({"soil": np.zeros((41, 121))}, "soil: float64; give whole numbers: .astype(int)"),
         ({"soil": np.full((41, 121), 2)}, "soil: 2 at x = -4 m, y = -2 m is no soil; give 0 to 1, or a longer table"),
         ({"soil": np.full((41, 121), -1)}, "soil: -1 at x = -4 m, y = -2 m is no soil; give 0 to 1"),
-        ({"soil_names": np.array(["mud", "rock"])}, "soil_names[0]: no soil 'mud'; known: firm_sand, rock, soft_"),
+        (
+            {"soil_names": np.array(["mud", "rock"])},
+            "soil_names[0]: no soil 'mud'; known: cmu_sand, ding_2011_sand, firm_sand",
+        ),
         ({"soil_names": np.array([1, 2])}, "soil_names: int64 of shape (2,); give one or more names as text"),
         ({"soil_values": VALUES}, "soil_names: the table of soils is given by soil_values, too; remove one"),
         (
@@ -178,7 +182,8 @@ def values_with(name: str, value: float) -> dict[str, Any]:
         ({"x_m": X[:1]}, "x_m: float64 of shape (1,); give 2 or more numbers [m] in an array of one axis"),
         ({"y_m": 3.0}, "y_m: float64 of shape (); give 1 or more numbers"),
         ({"blend_m": -0.1}, "blend_m: -0.1; give one number from 0 to 10"),
-        ({"gravity_mps2": math.nan}, "gravity_mps2: nan; give one number from 0.01 to 100"),
+        ({**MEASURED, "gravity_mps2": math.nan}, "gravity_mps2: nan; give one number from 0.01 to 100"),
+        ({"gravity_mps2": 9.81}, "gravity_mps2: is for soil_values, named soils know where they are; remove it"),
         ({"blend_m": np.ones(3)}, "blend_m: 'float64 of shape (3,)'; give one number"),
     ],
 )
