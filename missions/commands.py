@@ -51,7 +51,9 @@ def parser() -> argparse.ArgumentParser:
     demo.add_argument("--controller", metavar="NAME", help=f"{', '.join(CONTROLLERS)} (default soil_flow)")
     demo.add_argument("--seed", type=int, help="of terrain and sensor noise (default 0)")
     demo.add_argument("--duration", type=float, metavar="S", help="simulated seconds (default: the scenario's)")
-    demo.add_argument("--out", type=Path, metavar="DIR", help="empty folder for bag, summary.json, run.png")
+    demo.add_argument(
+        "--out", type=Path, metavar="DIR", help="empty folder for bag, summary.json, run.png, report.html"
+    )
     demo.add_argument("--params-file", type=Path, metavar="FILE", help="ROS parameter file over the shipped config/")
     demo.add_argument("--rover", metavar="NAME", help="a rover of config/rovers or a YAML file of your own")
     demo.add_argument(

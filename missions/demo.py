@@ -1,4 +1,4 @@
-"""`strap_rover demo`: one run through the whole graph, into a folder with bag, summary and picture."""
+"""`strap_rover demo`: one run through the whole graph, into a folder with bag, summary, picture and report."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +13,8 @@ from rich.table import Table
 from missions.lockstep import run_lockstep
 from missions.picture import draw_run
 from missions.plan import CYCLE_NS, NS, RunPlan
+from missions.report.page import ReportError
+from missions.report.report import write_report
 from missions.run_log import run_log_from_bag
 from missions.stop_request import never
 from missions.summary import RunSummary, summarize, write_summary
@@ -34,6 +36,10 @@ class DemoResult:
     summary: RunSummary
     complete: bool
     """False when the run was stopped early."""
+    report: Path | None = None
+    """The page on it; None where there is none."""
+    without_report: str = ""
+    """Why there is none, where there should be."""
 
 
 def output_folder(asked: Path | None, stem: str, may_go_on: Callable[[Path], bool] | None = None) -> Path:
@@ -72,12 +78,21 @@ def run_demo(plan: RunPlan, folder: Path, console: Console, stopped: Callable[[]
         done = run_lockstep(
             plan, folder / BAG, lambda cycles: progress.update(task, completed=cycles * CYCLE_NS / NS), stopped
         )
-        progress.update(task, description="reading the bag back, drawing")
+        progress.update(task, description="reading the bag back, drawing, reporting")
         log = run_log_from_bag(folder / BAG, plan.rover.wheel_names)
         summary = summarize(plan, log)
         write_summary(summary, folder / SUMMARY)
         draw_run(log, summary, folder / PICTURE)
-    return DemoResult(folder, summary, complete=done == plan.cycles)
+        report, why_not = _report(folder)
+    return DemoResult(folder, summary, done == plan.cycles, report, why_not)
+
+
+def _report(folder: Path) -> tuple[Path | None, str]:
+    """The page on a run, or why there is none: plotly, which it needs, is not everywhere, and the run is whole."""
+    try:
+        return write_report(folder), ""
+    except ReportError as error:
+        return None, str(error)
 
 
 def run_progress(console: Console) -> Progress:
@@ -111,6 +126,8 @@ def print_result(result: DemoResult, console: Console) -> None:
         table.add_row("", f"{event.time_s:6.1f} s  {event.what}")
     for name, file in (("bag", BAG), ("picture", PICTURE), ("summary", SUMMARY)):
         table.add_row(name, escape(str(result.folder / file)))
+    if result.report is not None or result.without_report:
+        table.add_row("report", escape(str(result.report or result.without_report)))
     console.print(table)
 
 

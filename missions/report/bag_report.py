@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+import numpy as np
+
 from missions.case_studies.plain_table import PlainTable
 from missions.report.charts import Chart, wheel_style
 from missions.report.drive_charts import (
@@ -32,8 +34,6 @@ from missions.report.run_words import OUTCOME_KINDS, OUTCOME_WORDS, story, subti
 from missions.report.site_map import NoSiteError, SiteMap, site_map
 from strap_rover import __version__, topics
 from strap_rover.flight_recorder.recorder import LOSS_KEY
-
-_MAP_MARGIN_M = 3.0
 
 
 def bag_page(bag: Path) -> Page:
@@ -135,12 +135,15 @@ def _figures(recording: Recording, facts: DriveFacts) -> list[tuple[str, str]]:
 def _where(recording: Recording, facts: DriveFacts) -> list[Block]:
     site: SiteMap | None = None
     blocks: list[Block] = []
-    x = recording.of_rover(topics.ODOM, "x")
-    if x is None or not x.size:
+    columns = [recording.of_rover(topics.ODOM, axis) for axis in ("x", "y", "z")]
+    if any(column is None for column in columns):
+        return []
+    path = np.stack([column for column in columns if column is not None], axis=1)
+    if path.shape[0] == 0:
         return []
     if "scenario" in recording.custom_data:
         try:
-            site = site_map(recording.custom_data, float(x.min()) - _MAP_MARGIN_M, float(x.max()) + _MAP_MARGIN_M)
+            site = site_map(recording.custom_data, path)
         except NoSiteError as error:
             blocks.append(Notice(f"{error} So the track is shown without the ground."))
     return [*blocks, Charts(track_charts(recording, facts, site))]

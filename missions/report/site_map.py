@@ -6,7 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from missions.plan import SETTINGS_KEY
 from sim_bridge.scenarios import SCENARIOS
+from sim_bridge.terrain import Terrain
+from sim_bridge.terrain_file import read_terrain_file
 from sim_bridge.world import site_of
 from strap_rover.arrays import FloatArray
 from strap_rover.rover import RoverDescription, WheelDescription
@@ -16,6 +19,9 @@ from strap_rover.terramechanics.ground_grid import HEIGHT, K_C, K_PHI, N
 FIRMNESS_DEPTH_M = 0.03
 """How deep the plate is pressed that tells firm ground from soft."""
 PLATE_WIDTH_M = 0.1
+MARGIN_M = 3.0
+"""Shown before the path begins and behind its end."""
+_CHECKED_PLACES, _HEIGHT_TOLERANCE_M = 60, 0.1
 _MOST_STATIONS, _MOST_ROWS = 500, 120
 _ROW_HALF_WIDTH_M = 2.0
 """Of a ground that is the same everywhere across."""
@@ -62,16 +68,14 @@ def wheel_radii(custom_data: Mapping[str, str], wheels: tuple[str, ...]) -> Floa
         return None
 
 
-def site_map(custom_data: Mapping[str, str], x_from: float, x_to: float) -> SiteMap:
-    """The ground between two places along x [m]; NoSiteError when the bag does not tell how to make it."""
-    name = custom_data.get("scenario", "")
-    if name not in SCENARIOS:
-        raise NoSiteError(f"The scenario {name!r} of the bag is not one that this version can build again.")
-    rover = rover_of(custom_data)
-    try:
-        terrain = site_of(SCENARIOS[name], rover, int(custom_data["seed"])).terrain
-    except (KeyError, SettingsError, ValueError) as error:
-        raise NoSiteError("The bag does not say with which seed its ground was made.") from error
+def site_map(custom_data: Mapping[str, str], path: FloatArray) -> SiteMap:
+    """The ground along a path of (x, y, z) [m], shape (N, 3).
+
+    NoSiteError when the bag does not tell how to make it, or the path did not go over it.
+    """
+    terrain = _terrain(custom_data)
+    _check_heights(terrain, path[np.isfinite(path).all(axis=1)])
+    x_from, x_to = float(np.nanmin(path[:, 0])) - MARGIN_M, float(np.nanmax(path[:, 0])) + MARGIN_M
     rows, stations, _ = terrain.samples.shape
     x: FloatArray = terrain.x_start + terrain.x_spacing * np.arange(stations, dtype=np.float64)
     y: FloatArray = terrain.y_start + terrain.y_spacing * np.arange(rows, dtype=np.float64)
@@ -87,3 +91,40 @@ def site_map(custom_data: Mapping[str, str], x_from: float, x_to: float) -> Site
     stiffness = samples[:, :, K_C] / PLATE_WIDTH_M + samples[:, :, K_PHI]
     pressure = 1e-3 * stiffness * FIRMNESS_DEPTH_M ** samples[:, :, N]
     return SiteMap(x[picked], y, samples[:, :, HEIGHT], pressure)
+
+
+def _terrain(custom_data: Mapping[str, str]) -> Terrain:
+    """Of the file that the drive was on, else of its scenario and seed."""
+    rover = rover_of(custom_data)
+    file = _terrain_file(custom_data)
+    if file:
+        try:
+            return read_terrain_file(file, rover.gravity_mps2)
+        except SettingsError as error:
+            raise NoSiteError(f"The ground of this drive cannot be read: {error.problems[0]}.") from error
+    name = custom_data.get("scenario", "")
+    if name not in SCENARIOS:
+        raise NoSiteError(f"The scenario {name!r} of the bag is not one that this version can build again.")
+    try:
+        return site_of(SCENARIOS[name], rover, int(custom_data["seed"])).terrain
+    except (KeyError, ValueError) as error:
+        raise NoSiteError("The bag does not say with which seed its ground was made.") from error
+
+
+def _terrain_file(custom_data: Mapping[str, str]) -> str:
+    try:
+        return str(json.loads(custom_data[SETTINGS_KEY])["sim_bridge"].get("terrain_file", ""))
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return ""
+
+
+def _check_heights(terrain: Terrain, path: FloatArray) -> None:
+    """Another version may make other ground from the same seed, and a file may have changed."""
+    if not path.size:
+        raise NoSiteError("The bag does not say where the rover was.")
+    places = path[np.linspace(0, len(path) - 1, min(len(path), _CHECKED_PLACES)).astype(np.int64)]
+    off = max(abs(terrain.at(x, y)[HEIGHT] - z) for x, y, z in places.tolist())
+    if off > _HEIGHT_TOLERANCE_M:
+        raise NoSiteError(
+            f"The ground as this version makes it is up to {off:.2f} m off the heights in the bag: it is not the same."
+        )

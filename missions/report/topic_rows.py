@@ -22,7 +22,7 @@ from strap_rover.topics import Topic
 NS = 1_000_000_000
 VELOCITY, EFFORT = "velocity", "effort"
 """Names of what joints say, behind the joint's own: `fl/velocity`."""
-_ODOM = ("x", "y", "speed", "speed_std", "heading")
+_ODOM = ("x", "y", "z", "speed", "speed_std", "heading")
 _IMU = ("pitch", "roll")
 _CMD_VEL = ("speed", "yaw_rate")
 # What a message that is not what its topic says makes the converters raise.
@@ -128,7 +128,7 @@ def _joint_names(joints: tuple[str, ...], has_velocity: bool, has_effort: bool) 
 
 def _odom(data: bytes) -> tuple[tuple[str, ...], FloatArray]:
     motion = body_motion(data)
-    return _ODOM, np.array([motion.x, motion.y, motion.speed, motion.speed_std, motion.heading])
+    return _ODOM, np.array([motion.x, motion.y, motion.z, motion.speed, motion.speed_std, motion.heading])
 
 
 def _imu(data: bytes) -> tuple[tuple[str, ...], FloatArray]:

@@ -34,7 +34,7 @@ def test_a_demo_leaves_everything_and_exits_0(strap_rover_command, tmp_path):
     child = strap_rover_command("demo", "--scenario", "single_wheel", "--duration", 3, "--seed", 5, "--out", folder)
     code, out, err = child.wait()
     assert (code, err) == (0, "")
-    assert {path.name for path in folder.iterdir()} == {"bag", "summary.json", "run.png"}
+    assert {path.name for path in folder.iterdir()} == {"bag", "summary.json", "run.png", "report.html"}
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     assert (summary["scenario"], summary["seed"], summary["duration_s"]) == ("single_wheel", 5, 3.0)
     assert messages_in(folder / "bag") > 3000

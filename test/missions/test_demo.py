@@ -1,10 +1,13 @@
+import io
 import json
 import re
 from dataclasses import replace
 
 import pytest
 
-from missions.demo import OutputFolderError, output_folder, print_result
+from missions import demo
+from missions.demo import OutputFolderError, output_folder, print_result, run_demo
+from missions.report.page import ReportError
 from missions.summary import Outcome
 from strap_rover.flight_recorder.bag_reader import read_bag_summary
 
@@ -14,7 +17,7 @@ pytestmark = pytest.mark.ros
 def test_a_demo_leaves_bag_summary_and_picture(demonstrated):
     folder, summary = demonstrated.result.folder, demonstrated.result.summary
     assert demonstrated.result.complete
-    assert {path.name for path in folder.iterdir()} == {"bag", "summary.json", "run.png"}
+    assert {path.name for path in folder.iterdir()} == {"bag", "summary.json", "run.png", "report.html"}
     assert read_bag_summary(folder / "bag").duration_s == pytest.approx(17.99)
     written = json.loads((folder / "summary.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     assert written == json.loads(summary.to_json())
@@ -35,7 +38,16 @@ def test_the_result_is_told_in_words(demonstrated, capsys):
 
     print_result(demonstrated.result, Console(width=200))
     text = capsys.readouterr().out
-    for part in ("drove off", "RETRY", "snag of 600 N catches", "rms error 0.1", "bag", "run.png", "summary.json"):
+    for part in (
+        "drove off",
+        "RETRY",
+        "snag of 600 N catches",
+        "rms error 0.1",
+        "bag",
+        "run.png",
+        "summary.json",
+        "report.html",
+    ):
         assert part in text
     assert "stopped early" not in text
     print_result(replace(demonstrated.result, complete=False), Console(width=200))
@@ -58,3 +70,18 @@ def test_a_folder_that_is_occupied_or_impossible_is_refused(tmp_path):
         output_folder(tmp_path / "file" / "deeper", "stem")
     with pytest.raises(OutputFolderError, match=r"file: .*give another folder with --out"):
         output_folder(tmp_path / "file", "stem")
+
+
+def test_without_plotly_the_run_is_whole_and_says_why_there_is_no_report(tmp_path, monkeypatch, make_plan):
+    from rich.console import Console
+
+    def refused(folder):
+        raise ReportError("plotly is not installed")
+
+    monkeypatch.setattr(demo, "write_report", refused)
+    result = run_demo(make_plan(duration_s=0.3), tmp_path, Console(file=io.StringIO()))
+    assert (result.complete, result.report) == (True, None)
+    screen = io.StringIO()
+    print_result(result, Console(file=screen, width=200))
+    assert "plotly is not installed" in screen.getvalue()
+    assert (tmp_path / "run.png").exists()
