@@ -156,7 +156,7 @@ DIGGING = Law("digging", _as_digging, _starts(DING_2011_FIT, CMU_FIT), (*_COMMON
 PUBLISHED = Law("Bekker-Wong, published", _as_published, _starts((), ()), ())
 REFITTED = Law("Bekker-Wong, refitted", _as_refitted, _starts((1.0, 0.5, 0.005), (1.0, 0.5, 0.02)), _COMMON)
 GROWING = Law(
-    "n0 + n1|s|",
+    "n = n0 + n1 s",
     _as_growing_exponent,
     _starts((4.0, 0.43, 0.003, 0.3), (1.2, 0.6, 0.02, 0.3)),
     (*_COMMON, "n1"),

@@ -17,7 +17,7 @@ om is the rim's speed, (v_x, v_y) the hub's in the wheel's frame, V its size.
     j_l = lambda_y r v_y/om (sin theta_1 - sin theta)
     |tau| = (c + sigma tan phi_w) (1 - exp(-|j|/K)), along (j_t, j_l)
     side face: F_s = v_y/V int N_b gamma h^2 r cos theta, h = r (cos theta - cos theta_1)
-               forward F_s (mu_s tan phi_w (om - v_x)/max(om, V) - mu_d v_x/V)
+               forward F_s [mu_s tan phi_w (om - v_x) - mu_d v_x]/max(om, V)
 
 z_s is the depth at which the vertical force carries the load. A refill ratio kappa above zero says that soil which the
 rim has carried round falls back into the rut: without it the depth at slip s, delta s/(1 - s + kappa), has no bound.
@@ -87,18 +87,18 @@ class ContactLaw:
     """rho_inf: |theta_2|/theta_1 of a wheel that stands deep."""
     rear_depth: float = 0.144
     """z_rho: depth over radius over which the soil comes up behind the wheel, > 0."""
-    bulldozing_factor: float = 10.0
+    bulldozing_factor: float = 10.3
     """N_b: passive pressure on the side face over gamma h, >= 0. (K_p/2 of a plane wall is several times too small.)"""
-    lateral_digging: float = 1.55
+    lateral_digging: float = 1.54
     """w_y: how much more a wheel digs sideways than along, >= 0."""
-    lateral_refill: float = 0.95
+    lateral_refill: float = 0.97
     """kappa_y: share of the rut that sideways motion fills, >= 0."""
-    lateral_shear: float = 1.28
+    lateral_shear: float = 1.29
     """lambda_y: how much sooner shear is mobilised sideways than along, > 0."""
-    side_friction: float = 0.57
+    side_friction: float = 0.3
     """mu_s: share of tan phi_w with which the turning side face rubs, >= 0."""
-    side_drag: float = 0.73
-    """mu_d: drag of the wedge that the side face pushes along, over the side force, >= 0."""
+    side_drag: float = 0.98
+    """mu_d: drag of the wedge of soil that the side face takes along, over the side force, >= 0."""
     refill_reach: float = 0.05
     """e: hub speed over rim speed below which sideways drift no longer leaves the carried soil behind, > 0."""
     grouser_share: float = 0.0
@@ -417,7 +417,7 @@ def dug_wheel_kernel(
     if vy > 0.0 and hub > 0.0:
         side = vy / hub * law[6] * soil[5] * _side_face_kernel(radius, theta_1, theta_2)
     rubbing = law[10] * soil[3] * side * (om - vx) / fastest
-    drag = law[11] * side * vx / max(hub, 1e-12)
+    drag = law[11] * side * vx / fastest
     return (
         theta_1,
         theta_2,

@@ -112,7 +112,7 @@ def by_quadrature(
     face = quad(lambda t: (r * (math.cos(t) - math.cos(theta_1))) ** 2 * r * math.cos(t), theta_2, theta_1)[0]
     side = vy / speed * law.bulldozing_factor * ground.unit_weight * face if speed else 0.0
     rubbing = law.side_friction * tan_phi * side * (om - vx) / max(om, speed)
-    drag = law.side_drag * side * vx / speed if speed else 0.0
+    drag = law.side_drag * side * vx / max(om, speed)
     return {
         "theta_1": theta_1,
         "theta_2": theta_2,
