@@ -35,6 +35,12 @@ def _live_faults(folder: Path, console: Console, stopped: Callable[[], bool], sh
     return run_live_faults(folder, console, stopped, form=form if runs is None else with_rounds(form, runs)).is_good
 
 
+def _slip_sinkage(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
+    from missions.case_studies.slip_sinkage import SHORT_STARTS, STARTS, run_study  # noqa: PLC0415 - only needed here
+
+    return run_study(folder, console, stopped, starts=runs or (SHORT_STARTS if short else STARTS), is_short=short)
+
+
 def _strap_bench(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
     from missions.case_studies.strap_bench import run_study  # noqa: PLC0415 - only needed here
 
@@ -51,6 +57,7 @@ STUDIES: Mapping[str, Study] = MappingProxyType(
     {
         "single_wheel": _single_wheel,
         "mars_snag": _mars_snag,
+        "slip_sinkage": _slip_sinkage,
         "strap_bench": _strap_bench,
         "strap_faults": _strap_faults,
         "live_endurance": _live_endurance,
