@@ -68,7 +68,7 @@ $(VENV)/.made:
 ifeq ($(ROS_SOURCED),yes)
 $(VENV)/.core: $(VENV)/.made $(RECIPE)
 	@echo "[2/3] installing what ROS 2 and Ubuntu do not have"
-	@$(PIP) -e .
+	@$(PIP) -e '.[report]'
 	@touch $@
 else
 $(VENV)/.core: $(VENV)/.made requirements/core.txt requirements/constraints.txt $(RECIPE)
