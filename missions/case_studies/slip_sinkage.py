@@ -345,19 +345,27 @@ def law_table(found: Sequence[LawOnTest]) -> PlainTable:
         cells.append("/".join(_percent(item.median) for item in ding_errors(ding.said)))
         cells.append("/".join(_percent(item.largest) for item in ding_errors(ding.said)))
         cells.append("-" if ding.left_out is None else "/".join(_percent(e.median) for e in ding_errors(ding.left_out)))
-        for kind in ("driving", "braking"):
-            at = cmu_rows(0, kind)
-            pull = errors(cmu.said.drawbar_pull[at], CMU_SMOOTH.drawbar_pull[at])
-            sinkage = errors(cmu.said.sinkage[at], CMU_SMOOTH.sinkage[at])
-            missing = f", {pull.unanswered} of {at.sum()} no answer" if pull.unanswered else ""
-            cells.append((f"{pull.rms:.2f} N" if math.isfinite(pull.rms) else "-") + missing)
-            cells.append(f"{_percent(sinkage.median)}/{_percent(sinkage.largest)}")
+        cells += [_on_cmu(cmu.said, kind, CMU_SMOOTH) for kind in _DIRECTIONS]
+        rolling = CMU_SMOOTH.rows(straight(CMU_SMOOTH))
+        cells += ["-" if cmu.left_out is None else _on_cmu(cmu.left_out, kind, rolling) for kind in _DIRECTIONS]
         rows.append(tuple(cells))
     headings = (
-        "law", "fitted", "Ding DP/z/T % median", "largest", "left out",
-        "CMU DP rms driving", "z % median/largest", "DP rms braking", "z % median/largest",
+        "law", "fitted", "Ding: DP/z/T % median", "largest", "left out",
+        "CMU driving: DP rms, z % median/largest", "braking", "driving, left out", "braking, left out",
     )  # fmt: skip
     return PlainTable("laws beside two measured sands (Ding at slip 0.1 and more)", headings, tuple(rows))
+
+
+_DIRECTIONS = ("driving", "braking")
+
+
+def _on_cmu(said: Prediction, kind: str, test: SingleWheelTest) -> str:
+    """Errors of the rows that roll straight, of all of the test's or of those alone."""
+    at = cmu_rows(0, kind)[: test.slip.size]
+    pull = errors(said.drawbar_pull[at], test.drawbar_pull[at])
+    sinkage = errors(said.sinkage[at], test.sinkage[at])
+    missing = f" ({pull.unanswered} of {at.sum()} no answer)" if pull.unanswered else ""
+    return f"{pull.rms:.2f} N, {_percent(sinkage.median)}/{_percent(sinkage.largest)}{missing}"
 
 
 def _percent(share: float) -> str:
