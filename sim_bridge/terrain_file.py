@@ -15,6 +15,7 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, Final
 
 import numpy as np
@@ -169,7 +170,7 @@ def _arrays(path: Path) -> Mapping[str, npt.NDArray[Any]]:
         raise SettingsError([f"{path}: a folder; give the .npz in it"]) from None
     except PermissionError:
         raise SettingsError([f"{path}: may not be read; give yourself the right to"]) from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError) as error:
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError, TokenError) as error:
         remedy = "write it with numpy.savez_compressed, or make it again with `strap_rover terrain make`"
         raise SettingsError([f"{path}: no intact .npz ({error}); {remedy}"]) from None
 

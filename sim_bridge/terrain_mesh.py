@@ -133,7 +133,8 @@ def _no_stl(size: int, count: int, head: bytes) -> str:
 
 def _binary_triangles(content: bytes) -> FloatArray:
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    return np.asarray(np.frombuffer(content, dtype=record)["corners"], dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # a damaged number is found by who looks for nan
+        return np.asarray(np.frombuffer(content, dtype=record)["corners"], dtype=np.float64)
 
 
 def _ascii_triangles(content: bytes, path: Path) -> FloatArray:

@@ -240,6 +240,26 @@ def test_what_is_no_terrain_file_is_refused_in_words(tmp_path: Path, kind: str) 
     assert len(problem) < 300
 
 
+def test_a_file_damaged_anywhere_is_read_or_refused_in_words(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    path = tmp_path / "ground.npz"
+    changed = {"x_m": X[::10], "y_m": Y[::10], "height_m": np.zeros((5, 13)), "soil": np.zeros((5, 13), dtype=int)}
+    refused = 0
+    for save in (np.savez, np.savez_compressed):
+        save(path, **content(**changed))
+        whole = path.read_bytes()
+        for _ in range(150):
+            damaged = bytearray(whole[: rng.integers(len(whole))] if rng.random() < 0.2 else whole)
+            for place in rng.integers(0, max(len(damaged), 1), 3):
+                damaged[place : place + 1] = rng.bytes(1)
+            path.write_bytes(bytes(damaged))
+            try:
+                read_terrain_file(path)
+            except SettingsError:
+                refused += 1
+    assert refused > 200
+
+
 def test_a_terrain_that_suits_a_rover_has_no_problems(tmp_path: Path) -> None:
     for name in ("curiosity", "single_wheel"):
         assert terrain_problems(read_terrain_file(written(tmp_path)), load_rover(name)) == []

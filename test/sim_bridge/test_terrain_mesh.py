@@ -195,3 +195,20 @@ def test_a_damaged_ascii_stl_is_refused_in_words(tmp_path: Path) -> None:
 def test_a_placement_that_cannot_be_is_refused(changed: dict[str, object], said: str) -> None:
     with pytest.raises(SettingsError, match=said):
         MeshPlacement(**changed)  # type: ignore[arg-type]
+
+
+def test_a_mesh_damaged_anywhere_is_read_or_refused_in_words(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    path = tmp_path / "x.stl"
+    for whole in (binary(path, surface(plane)[::50]).read_bytes(), ascii_text(surface(plane)[::50]).encode("ascii")):
+        refused = 0
+        for _ in range(200):
+            damaged = bytearray(whole[: rng.integers(len(whole))] if rng.random() < 0.5 else whole)
+            for place in rng.integers(0, max(len(damaged), 1), 3):
+                damaged[place : place + 1] = rng.bytes(1)
+            path.write_bytes(bytes(damaged))
+            try:
+                mesh_terrain(path, FIRM_SAND, MeshPlacement(spacing_m=0.5, fill_m=20.0))
+            except SettingsError:
+                refused += 1
+        assert 50 < refused < 200
