@@ -20,6 +20,7 @@ from benchmarks.live_latency import live_latency, live_latency_single
 from benchmarks.recording import recorder
 from benchmarks.report import conditions, load_average, print_rows, write_document
 from benchmarks.row import Row
+from benchmarks.run_report import run_report
 from benchmarks.solves import batch_solve, single_solve
 from benchmarks.whole_runs import demo, memory_growth, memory_peak
 
@@ -39,6 +40,7 @@ BENCHMARKS: Mapping[str, Callable[[], Row]] = {
         live_cpu,
         decoder,
         recorder,
+        run_report,
         memory_growth,
         memory_peak,
     )
