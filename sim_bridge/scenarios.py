@@ -138,7 +138,7 @@ REFERENCE_MARS = MarsCase()
 
 def random_mars_case(rng: np.random.Generator) -> MarsCase:
     """One member of the randomised family, with a shorter way to the soft sand than the reference case has."""
-    return MarsCase(random_snag_case(rng), soft_from_m=8.0, snag_after_m=float(rng.uniform(4.0, 8.0)))
+    return MarsCase(random_snag_case(rng), soft_from_m=7.0, snag_after_m=float(rng.uniform(3.0, 6.0)))
 
 
 def mars_scenario(case: MarsCase, name: str = "mars_rover", duration_s: float = 160.0) -> Scenario:

@@ -22,6 +22,12 @@ def _single_wheel(folder: Path, console: Console, stopped: Callable[[], bool], s
     return run_study(folder, console, stopped, short=short, members=runs)
 
 
+def _mars_rover(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
+    from missions.case_studies.mars_rover import run_study  # noqa: PLC0415 - only needed here
+
+    return run_study(folder, console, stopped, short=short, runs=runs)
+
+
 def _live_endurance(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
     from missions.case_studies.live_endurance import run_study  # noqa: PLC0415 - only needed here
 
@@ -56,6 +62,7 @@ def _strap_faults(folder: Path, console: Console, stopped: Callable[[], bool], s
 STUDIES: Mapping[str, Study] = MappingProxyType(
     {
         "single_wheel": _single_wheel,
+        "mars_rover": _mars_rover,
         "mars_snag": _mars_snag,
         "slip_sinkage": _slip_sinkage,
         "strap_bench": _strap_bench,
