@@ -13,12 +13,18 @@ from rich.table import Table
 
 from sim_bridge.scenarios import SCENARIOS, scenario_named
 from sim_bridge.terrain import GROUNDS, Terrain, ground_named
-from sim_bridge.terrain_file import read_terrain_file, slope_problem, terrain_problems, write_terrain_file
+from sim_bridge.terrain_file import (
+    distinct_soils,
+    read_terrain_file,
+    slope_problem,
+    terrain_problems,
+    write_terrain_file,
+)
 from sim_bridge.terrain_mesh import MeshPlacement, mesh_terrain
 from sim_bridge.world import site_of
 from strap_rover.rover import RoverDescription, load_rover
 from strap_rover.settings import SettingsError, settings_from_mapping
-from strap_rover.terramechanics.ground_grid import CROSS_SLOPE, HEIGHT, K_C, SLOPE
+from strap_rover.terramechanics.ground_grid import CROSS_SLOPE, HEIGHT, SLOPE
 
 DEFAULT_ROVER = "curiosity"
 DEFAULT_SOIL = "firm_sand"
@@ -79,7 +85,7 @@ def run_terrain(options: argparse.Namespace, console: Console) -> None:
 def terrain_table(terrain: Terrain, rover: RoverDescription) -> Table:
     """What a terrain is like, and whether `rover` can start on it."""
     samples = terrain.samples
-    rows, stations = samples.shape[:2]
+    rows = samples.shape[0]
     height = samples[..., HEIGHT]
     slope = np.degrees(np.arctan(np.hypot(np.tan(samples[..., SLOPE]), np.tan(samples[..., CROSS_SLOPE]))))
     row, station = np.unravel_index(int(slope.argmax()), slope.shape)
@@ -87,7 +93,7 @@ def terrain_table(terrain: Terrain, rover: RoverDescription) -> Table:
     across = f"y {terrain.y_start:g} to {terrain.y_end:g} m, every {terrain.y_spacing:g} m"
     if rows > 1:
         where += f", y = {terrain.y_start + terrain.y_spacing * row:g} m"
-    soils = len(np.unique(samples[..., K_C:].reshape(rows * stations, -1), axis=0))
+    soils = len(distinct_soils(terrain)[0])
     table = Table(show_header=False, box=None, padding=(0, 2))
     table.add_row("along", f"x {terrain.x_start:g} to {terrain.x_end:g} m, every {terrain.x_spacing:g} m")
     table.add_row("across", across if rows > 1 else "the same everywhere")

@@ -37,12 +37,12 @@ def short_ground(path, x_end=6.0, x_start=-4.0):
 
 
 def test_a_drive_on_the_file_of_a_ground_is_the_drive_on_that_ground(ground_file):
-    made = run_cores(plan_run("composite", seed=4, duration_s=6.0))
-    plan = plan_run("composite", seed=4, duration_s=6.0, terrain=ground_file)
+    made = run_cores(plan_run("composite", seed=4, duration_s=4.0))
+    plan = plan_run("composite", seed=4, duration_s=4.0, terrain=ground_file)
     read = run_cores(plan)
     for name, series in made.series.items():
         np.testing.assert_array_equal(series.per_wheel, read.series[name].per_wheel, err_msg=name)
-    other = run_cores(plan_run("composite", seed=5, duration_s=6.0))
+    other = run_cores(plan_run("composite", seed=5, duration_s=4.0))
     x, other_x = (log.of_rover(topics.GROUND_TRUTH, "x") for log in (read, other))
     assert (x != other_x).any()
     assert summarize(plan, read).scenario == "ground_field"
