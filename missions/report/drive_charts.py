@@ -31,7 +31,8 @@ from strap_sensor_driver.contact_zone import FIRST_FAULT, ContactStatus
 from traction_controller.supervisor import TractionMode
 
 _SLIP_RANGE = (-0.3, 1.05)
-_FLOW_RANGE = (0.0, 3.0)
+_FLOW_TOP, _MOST_FLOW_TOP = 3.0, 50.0
+"""The flow ratio is drawn to where nearly all of it lies; a standing wheel's has no end."""
 _STANDING_MODES = (TractionMode.STALL, TractionMode.WAIT, TractionMode.RETRY, TractionMode.HALT, TractionMode.FAULT)
 _MOST_SHADES = 200
 _STATUS_COLUMNS = 600
@@ -138,7 +139,7 @@ def soil_charts(recording: Recording, facts: DriveFacts) -> list[Chart]:
             facts.flow_ratio,
             "Flow ratio vc [-]",
             "Above the dotted line soil passes under the wheel; below it the wheel pushes soil ahead.",
-            _range(_FLOW_RANGE),
+            _range((0.0, _flow_top(facts.flow_ratio))),
             [level(1.0, *span)],
         ),
         _named(recording, topics.SOIL_STATE, "m_ent", "Soil flow into the zone [kg/s]", "m_ent, as estimated."),
@@ -160,7 +161,7 @@ def margin_charts(recording: Recording, facts: DriveFacts) -> list[Chart]:
             facts.slip_margin,
             "Room to the slip limit [-]",
             "slip_max - slip: below the dotted line a wheel digs.",
-            _range((-0.6, 0.6)),
+            _range((-1.0, 0.6)),
             [level(0.0, *span)],
         ),
         _named(
@@ -287,6 +288,11 @@ def _joints(recording: Recording, row: Topic, quantity: str, title: str, reading
 
 
 _named = _joints
+
+
+def _flow_top(ratio: WheelSeries | None) -> float:
+    known = np.empty(0) if ratio is None else ratio.values[np.isfinite(ratio.values)]
+    return float(np.clip(1.1 * np.percentile(known, 90), _FLOW_TOP, _MOST_FLOW_TOP)) if known.size else _FLOW_TOP
 
 
 def _estimate(recording: Recording, quantity: str, title: str, reading: str) -> Chart:
