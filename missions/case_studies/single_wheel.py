@@ -205,7 +205,8 @@ PICTURES: tuple[StudyFigure, ...] = (
     StudyFigure(
         "single_wheel_uncontrolled.png",
         "Fig. 12: without sensor",
-        "2 rad/s whatever happens: the soil on weaker sand, force and speed at first, and in the long run.",
+        "2 rad/s whatever happens: the soil on weaker sand, force and speed at first, and in the long run. "
+        "The gap below the rim at much slip is the flow law's, which was never fitted there.",
     ),
     StudyFigure(
         "single_wheel_controlled.png",

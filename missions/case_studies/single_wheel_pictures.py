@@ -17,7 +17,7 @@ from missions.case_studies.single_wheel_contact import SLIPS, SplitCurve, Static
 from missions.case_studies.single_wheel_runs import SANDS
 from missions.case_studies.single_wheel_stages import BED_BEHIND_M, BED_M, Playback, Stage
 from missions.case_studies.soil_nodes import MassFlow
-from strap_rover.terramechanics.spiral_flow import bulb_depth, flow_velocity
+from strap_rover.terramechanics.spiral_flow import SLIP_VALID, bulb_depth, flow_velocity
 
 SINKAGE_STATED_MM = (30.0, 40.0)
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#8c5aa8", "#7a7a7a", "#a83232")
@@ -207,7 +207,8 @@ def draw_uncontrolled(
     for cell, stage in zip(cells, play.stages, strict=False):
         axis = figure.add_subplot(cell)
         _soil(axis, stage, most)
-        axis.set_title(f"(a) t = {stage.time_s:.1f} s, slip {stage.wheel.slip:.2f}", fontsize=9)
+        beyond = f", beyond the flow law ({SLIP_VALID:g})" if stage.wheel.slip > SLIP_VALID else ""
+        axis.set_title(f"(a) t = {stage.time_s:.1f} s, slip {stage.wheel.slip:.2f}{beyond}", fontsize=9)
     first, speed = figure.add_subplot(grid[2, 0]), figure.add_subplot(grid[2, 1])
     for run, colour in zip(free, _COLOURS, strict=False):
         label = f"pulls {run['load_n']:g} N" if run["load_n"] else "pulls nothing"
