@@ -25,27 +25,40 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim_bridge.suspension import body_tilt_kernel, suspension_of, wheel_loads_kernel
 from sim_bridge.terrain import Terrain
 from strap_rover.arrays import FloatArray, IntArray
 from strap_rover.rover import RoverDescription
 from strap_rover.settings import check_settings
 from strap_rover.terramechanics.compiled import compiled
-from strap_rover.terramechanics.ground_grid import ground_kernel, height_kernel
+from strap_rover.terramechanics.ground_grid import (
+    CROSS_SLOPE,
+    EXCAVATION,
+    HEIGHT,
+    K_C,
+    K_PHI,
+    REFILL_RATE,
+    REFILL_RATIO,
+    SLOPE,
+    UNIT_WEIGHT,
+    N,
+    ground_kernel,
+    height_kernel,
+)
 from strap_rover.terramechanics.slip import REST_SPEED, slip_kernel
 from strap_rover.terramechanics.slip_sinkage import (
+    DEEPEST_EXCAVATED,
     MEASURED_LAW,
     ContactLaw,
     dug_wheel_kernel,
     excavation_rate_kernel,
     kinematics_kernel,
+    law_on_soil_kernel,
     pressed_depth_kernel,
 )
+from strap_rover.terramechanics.suspension import body_tilt_kernel, suspension_of, wheel_loads_kernel
 
-DEEPEST_DUG = 1.2
-"""Largest z_e/r: a wheel that deep is buried, whatever the number."""
-MEASURED_REFILL = 3.0
-"""kappa of the sands whose rear contact is that of the measured law; a soil with less has less of it."""
+MEASURED_REFILL = MEASURED_LAW.full_refill
+"""kappa of measured sands."""
 DAMPED_SPEED = 0.02
 """Rim and body slower than this [m/s] damp the spring that holds a standing wheel."""
 DAMPING_TIME = 0.05
@@ -209,7 +222,7 @@ def _relaxed_kernel(value: float, sliding: float, travel_speed: float, length: f
 @compiled
 def _slopes_kernel(ground: FloatArray, heading: float) -> tuple[float, float]:
     """Slopes of the ground along a heading and across it, uphill to the left [rad]."""
-    rise_x, rise_y = math.tan(ground[1]), math.tan(ground[2])
+    rise_x, rise_y = math.tan(ground[SLOPE]), math.tan(ground[CROSS_SLOPE])
     cos_h, sin_h = math.cos(heading), math.sin(heading)
     return math.atan(rise_x * cos_h + rise_y * sin_h), math.atan(rise_y * cos_h - rise_x * sin_h)
 
@@ -226,6 +239,7 @@ def _move_wheel_kernel(
     delta: float,
     kappa: float,
     slumping: float,
+    grouser: float,
     law: FloatArray,
     lag: float,
     acceleration_limit: float,
@@ -236,10 +250,11 @@ def _move_wheel_kernel(
     rim = radius * abs(omega)
     along = max(forward * state[7], 0.0)
     least, most = min(abs(front), abs(rear)), max(abs(front), abs(rear))
-    filling = excavation_rate_kernel(radius, most, -least, 0.0, rim, along, abs(sideways), delta, kappa, law)
-    emptied = filling - excavation_rate_kernel(radius, most, -least, 1.0, rim, along, abs(sideways), delta, kappa, law)
+    filling = excavation_rate_kernel(radius, most, -least, 0.0, rim, along, abs(sideways), delta, kappa, law, grouser)
+    still = excavation_rate_kernel(radius, most, -least, 1.0, rim, along, abs(sideways), delta, kappa, law, grouser)
+    emptied = filling - still
     dug = (state[2] + dt * filling) / (1.0 + dt * (emptied + slumping))  # implicit: a small contact is a fast one
-    state[2] = min(max(dug, 0.0), DEEPEST_DUG * radius)
+    state[2] = min(max(dug, 0.0), DEEPEST_EXCAVATED * radius)
     length = radius * (math.sin(min(most, 0.5 * math.pi)) + math.sin(min(least, 0.5 * math.pi))) + 1e-3
     state[4] *= math.exp(-dt * abs(forward) / length)
     state[1] += omega * dt
@@ -293,20 +308,13 @@ def _tilt_and_loads_kernel(
     for i in range(count):
         x, y = _place_kernel(body, geometry[2, i], geometry[3, i])
         ground_kernel(samples, grid, x, y, grounds[i])
-        bottoms[i] = grounds[i, 0] - contact[7, i]
+        bottoms[i] = grounds[i, HEIGHT] - contact[7, i]
         pulls[i] = contact[3, i] - contact[4, i]
     if count == 1:
         body[4], body[10] = _slopes_kernel(grounds[0], body[7])
     else:
         body[4], body[10] = body_tilt_kernel(sides, numbers, places, bottoms)
     wheel_loads_kernel(weight, body[4], body[10], pulls, sides, numbers, places, loads)
-
-
-@compiled
-def _law_on_kernel(law: FloatArray, refill_ratio: float, here: FloatArray) -> None:
-    """The contact law on a soil: what rises behind a wheel is soil that flows back, as much as the soil does so."""
-    here[:] = law
-    here[4] = law[4] * min(refill_ratio / MEASURED_REFILL, 1.0)
 
 
 @compiled
@@ -345,10 +353,10 @@ def _wheel_kernel(
     bump, tip = rise - pitch, lean - roll
     load = weight_on * math.cos(bump) * math.cos(tip)
     soil = np.empty(6)
-    soil[0] = ground[3] / width + ground[4]
-    soil[1], soil[2], soil[3], soil[4], soil[5] = ground[5], ground[6], ground[7], ground[8], ground[9]
+    soil[0] = ground[K_C] / width + ground[K_PHI]
+    soil[1:] = ground[N : UNIT_WEIGHT + 1]
     here = np.empty(law.size)
-    _law_on_kernel(law, ground[11], here)
+    law_on_soil_kernel(law, ground[REFILL_RATIO], here)
     state[3] = pressed_depth_kernel(
         load, state[3], radius, width, grouser, soil, here, state[2], state[4], om, along, across
     )
@@ -458,7 +466,8 @@ def _advance_kernel(
             if steps > 0:
                 _move_wheel_kernel(
                     wheels[:, i], commands[i], forward, sideways, geometry[0, i], contact[0, i], contact[1, i],
-                    grounds[i, 10], grounds[i, 11], grounds[i, 12], law, rover[4], rover[5], dt,
+                    grounds[i, EXCAVATION],
+                    grounds[i, REFILL_RATIO], grounds[i, REFILL_RATE], geometry[4, i], law, rover[4], rover[5], dt,
                 )  # fmt: skip
         held = _held_back_kernel(body, snag, dt)
         body[3] = held + rover[7]

@@ -17,12 +17,12 @@ from sim_bridge.painted_strap import StrapFlaws, paint
 from sim_bridge.plant import Plant
 from sim_bridge.scenarios import Scenario, Site
 from sim_bridge.strap_faults import SPARE_ID, FaultyStrap, StrapFault
-from sim_bridge.suspension import joint_angles
 from sim_bridge.virtual_uno import VirtualUno
 from strap_rover.arrays import BoolArray, FloatArray, IntArray
 from strap_rover.rover import RoverDescription, StrapInput
 from strap_rover.settings import SettingsError, check_settings
 from strap_rover.telemetry import Attitude, BodyMotion, Suspension, WheelCommands, WheelStates
+from strap_rover.terramechanics.suspension import joint_angles
 from strap_sensor_driver.device_clock import scan_duration_us, strap_delay_us, transfer_time_us
 from strap_sensor_driver.frames import DATA_WIRE_BYTES
 from strap_sensor_driver.link import ByteLink, MemoryLink

@@ -159,7 +159,7 @@ def typical(soil: Soil, unit_weight: float = 15.0e3) -> DiggableSoil:
 
 
 def trapping(sand: DiggableSoil, refill_ratio: float = TRAPPING) -> DiggableSoil:
-    """The same sand, had it the refill ratio of the trapping kind: as deep at low slip, buried at high slip.
+    """The same sand, had it the refill ratio of the trapping kind: dug alike at low slip, buried at high.
 
     An assumption, not a measurement. `refill_ratio` in [0, 0.5] (ValueError).
     """

@@ -37,8 +37,8 @@ class SuspensionGeometry:
     sides: IntArray
     """Shape (2, 3) or (0, 3): front, middle, rear wheel of the left and the right side."""
     numbers: FloatArray
-    """Shape (8,): centre of gravity x, y and height, rocker pivot height, bogie pivot height [m], track [m], mean
-    squares of wheel x and y about the centre [m^2], each times the number of wheels."""
+    """Shape (10,): centre of gravity x, y and height, rocker pivot height, bogie pivot height, track [m], sums of the
+    squares of wheel x and y about their means [m^2], those means [m]."""
     wheels: FloatArray
     """Shape (3, W): x, y [m], share of the load."""
 
@@ -69,8 +69,10 @@ def suspension_of(rover: RoverDescription) -> SuspensionGeometry:
             rover.rocker_pivot_height_m,
             rover.bogie_pivot_height_m,
             track,
-            ((x - cg_x) ** 2).sum(),
-            ((y - cg_y) ** 2).sum(),
+            ((x - x.mean()) ** 2).sum(),
+            ((y - y.mean()) ** 2).sum(),
+            x.mean(),
+            y.mean(),
         ]
     )
     return SuspensionGeometry(sides, numbers, wheels)
@@ -136,7 +138,7 @@ def body_tilt_kernel(
     if numbers[7] > 0.0:
         lean = 0.0
         for i in range(count):
-            lean += (wheels[1, i] - numbers[1]) * bottoms[i]
+            lean += (wheels[1, i] - numbers[9]) * bottoms[i]
         roll = math.atan(lean / numbers[7])
     if sides.shape[0] == 2:
         left, _ = _side_tilts_kernel(sides[0], wheels, bottoms)
@@ -145,7 +147,7 @@ def body_tilt_kernel(
     elif numbers[6] > 0.0:
         tilt = 0.0
         for i in range(count):
-            tilt += (wheels[0, i] - numbers[0]) * bottoms[i]
+            tilt += (wheels[0, i] - numbers[8]) * bottoms[i]
         pitch = math.atan(tilt / numbers[6])
     return pitch, roll
 
@@ -192,8 +194,8 @@ def wheel_loads_kernel(
         for i in range(count):
             loads[i] = wheels[2, i] * pressing
             if numbers[6] > 0.0:
-                loads[i] -= backward * height / numbers[6] * (wheels[0, i] - numbers[0])
+                loads[i] -= backward * height / numbers[6] * (wheels[0, i] - numbers[8])
             if numbers[7] > 0.0:
-                loads[i] -= to_right / numbers[7] * (wheels[1, i] - numbers[1])
+                loads[i] -= to_right / numbers[7] * (wheels[1, i] - numbers[9])
     for i in range(count):
         loads[i] = max(loads[i], LEAST_SHARE * wheels[2, i] * weight)
