@@ -41,9 +41,10 @@ def test_every_controller_meets_the_same_members():
     assert all(len(met) == 1 for met in cases.values())
     assert len({case for met in cases.values() for case in met}) == 8
     for (_, soil), met in cases.items():
-        assert (next(iter(met)).refill_rate > 0.0) == (soil == "refilling")
+        assert (next(iter(met)).refill_ratio > 0.0) == (soil == "refilling")
     slopes = [case.slope_deg for met in cases.values() for case in met]
-    assert min(slopes) < 9.0 < max(slopes) or len(set(slopes)) == 4
+    assert 4.0 <= min(slopes) < max(slopes) <= 8.5
+    assert len(set(slopes)) == 4
 
 
 def test_the_table_adds_up():
