@@ -14,7 +14,7 @@ from missions.report.run_words import FAULT_WORDS, MODE_WORDS, event_words
 from missions.report.topic_rows import EFFORT
 from strap_rover import topics
 from strap_rover.topics import Topic
-from strap_sensor_driver.contact_zone import remedy
+from strap_sensor_driver.contact_zone import ContactStatus, remedy
 
 _UNKNOWN = "-"
 _MOST_HEALTH_ROWS = 60
@@ -63,14 +63,14 @@ def faults_table(facts: DriveFacts) -> PlainTable:
 
 
 def straps_table(facts: DriveFacts) -> PlainTable:
-    """Faults of straps, with remedies."""
-    rows = tuple(
-        (wheel, status.name, f"{100 * share:.2f} %", remedy(status))
-        for wheel, shares in facts.status_shares.items()
-        for status, share in shares.items()
-        if status.is_fault
-    )
-    return PlainTable("Faults of straps", ("wheel", "fault", "of the time", "what to do"), rows)
+    """Faults of straps with their wheels and remedies."""
+    shares: dict[ContactStatus, list[str]] = {}
+    for wheel, found in facts.status_shares.items():
+        for status, share in found.items():
+            if status.is_fault:
+                shares.setdefault(status, []).append(f"{wheel} {100 * share:.1f} %")
+    rows = tuple((status.name, ", ".join(shares[status]), remedy(status)) for status in sorted(shares))
+    return PlainTable("Faults of straps", ("fault", "wheels, of the time", "what to do"), rows)
 
 
 def health_table(health: Sequence[HealthReport]) -> PlainTable:

@@ -8,7 +8,7 @@ from pathlib import Path
 from missions.case_studies.study_result import SUMMARY_FILE
 from missions.report.bag_report import bag_page
 from missions.report.page import MARK, Page, ReportError, render
-from missions.report.study_report import study_page
+from missions.report.study_report import OTHER_RESULTS, study_page
 from strap_rover.flight_recorder.bag_format import METADATA_FILE
 
 REPORT = "report.html"
@@ -42,7 +42,7 @@ def _page_of(path: Path) -> tuple[Page, Path]:
     bags = [folder for folder in sorted(path.glob(_BAGS)) if folder.is_dir() and _is_bag(folder)]
     if bags:
         return bag_page(bags[-1]), path / REPORT
-    if (path / SUMMARY_FILE).is_file():
+    if any((path / name).is_file() for name in (SUMMARY_FILE, *OTHER_RESULTS)):
         return study_page(path), path / REPORT
     raise ReportError(
         f"{path}: is neither a bag ({METADATA_FILE} or .mcap), nor the folder of a demo or of a case study "

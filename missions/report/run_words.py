@@ -82,8 +82,9 @@ def subtitle(recording: Recording) -> str:
 
 
 def event_words(what: str) -> str:
-    """An event, with the meaning of a mode that is named."""
+    """An event, with the meaning of a mode that is named, or the remedy of a fault."""
     meanings = {mode.name: words for mode, words in MODE_WORDS.items()}
+    meanings |= {f"fault {fault.name}": words for fault, words in FAULT_WORDS.items()}
     return f"{what}: {meanings[what]}" if what in meanings else what
 
 

@@ -1,7 +1,9 @@
 """A case study's folder -> a page: claims beside the source's, tables, pictures and curves."""
 
+import html
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,7 @@ import numpy as np
 from missions.case_studies.plain_table import PlainTable
 from missions.case_studies.study_result import SUMMARY_FILE, StudyResult, StudyResultError, Verdict, read_study_result
 from missions.case_studies.study_result import Chart as StudyChart
-from missions.report.charts import WHEEL_COLOURS, Chart, Trace, band, line
+from missions.report.charts import WHEEL_COLOURS, Chart, Trace, band, packed
 from missions.report.page import (
     Block,
     Bullets,
@@ -25,6 +27,7 @@ from missions.report.page import (
     Section,
     Words,
 )
+from strap_rover.arrays import FloatArray
 
 VERDICT_KINDS: Mapping[str, Kind] = {
     Verdict.REPRODUCED.value: "good",
@@ -33,17 +36,25 @@ VERDICT_KINDS: Mapping[str, Kind] = {
     Verdict.NOT_REPRODUCED.value: "bad",
     Verdict.NO_NUMBER.value: "note",
 }
+OTHER_RESULTS = ("live_endurance.json", "live_faults.json")
+"""What studies call their numbers that do not call them `summary.json`."""
 _PICTURES = ("*.png", "*.svg", "*.jpg")
 _MOST_ROWS = 500
+_FEW_POINTS = 40
+"""A curve of so few is drawn with its points."""
 
 
 def study_page(folder: Path) -> Page:
     """The page of a finished study; ReportError when its folder holds nothing to show."""
+    for name in OTHER_RESULTS:
+        if (folder / name).is_file():
+            return _plain_page(
+                folder, name, _any_json(folder / name, f"{folder / name}: cannot be read; run the case study again")
+            )
     try:
         return _result_page(folder, read_study_result(folder))
     except StudyResultError as error:
-        content = _any_json(folder / SUMMARY_FILE, error)
-        return _plain_page(folder, content)
+        return _plain_page(folder, SUMMARY_FILE, _any_json(folder / SUMMARY_FILE, str(error)))
 
 
 def _result_page(folder: Path, result: StudyResult) -> Page:
@@ -59,7 +70,8 @@ def _result_page(folder: Path, result: StudyResult) -> Page:
     found.append(Words(result.words))
     sections = [Section("What was found", found)]
     if result.claims:
-        table = DataTable(result.claims_table(), VERDICT_KINDS, numeric=False)
+        claims = replace(result.claims_table(), title="Claim by claim")
+        table = DataTable(claims, VERDICT_KINDS, numeric=False)
         sections.append(Section("Beside the paper", [table]))
     if result.assumptions:
         sections.append(Section("Changed or assumed", [Bullets(result.assumptions)]))
@@ -90,30 +102,38 @@ def _chart(chart: StudyChart) -> Chart:
     return Chart(chart.title, reading, traces, axis, "other", chart.x_label, height_px=320)
 
 
-def _curve(
-    name: str, x: np.ndarray[Any, np.dtype[np.float64]], y: np.ndarray[Any, np.dtype[np.float64]], colour: str
-) -> Trace:
-    return line(name, x, y, colour) | {"hovertemplate": "%{x:.4~g}: %{y:.4~g}"}
+def _curve(name: str, x: FloatArray, y: FloatArray, colour: str) -> Trace:
+    """A curve as it is: its x need not be time, nor rise."""
+    return {
+        "type": "scatter",
+        "mode": "lines+markers" if x.size <= _FEW_POINTS else "lines",
+        "name": html.escape(name),
+        "x": packed(x),
+        "y": packed(y),
+        "line": {"color": colour, "width": 1.6},
+        "marker": {"size": 6},
+        "hovertemplate": "%{x:.4~g}: %{y:.4~g}",
+    }
 
 
-def _any_json(path: Path, error: StudyResultError) -> Any:
+def _any_json(path: Path, problem: str) -> Any:
     """What a study of another form left."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        raise ReportError(str(error)) from error
+    except (OSError, ValueError) as error:
+        raise ReportError(problem) from error
 
 
-def _plain_page(folder: Path, content: Any) -> Page:
+def _plain_page(folder: Path, name: str, content: Any) -> Page:
     """What can be shown of a folder whose summary has another form: its numbers and its pictures."""
     tables: list[Block] = [DataTable(table) for table in _tables(folder.name, content)]
     pictures: list[Block] = [
         Picture(path, path.stem, path.name) for pattern in _PICTURES for path in sorted(folder.glob(pattern))
     ]
     if not tables and not pictures:
-        raise ReportError(f"{folder / SUMMARY_FILE}: holds nothing that can be shown; run the case study again")
+        raise ReportError(f"{folder / name}: holds nothing that can be shown; run the case study again")
     notice = Notice(
-        f"{SUMMARY_FILE} is not in the form that says what was found and how it compares: no words, claims, verdicts "
+        f"{name} is not in the form that says what was found and how it compares: no words, claims, verdicts "
         "or curves can be shown, only its numbers and the pictures beside it.",
         "warn",
     )

@@ -1,6 +1,7 @@
 """The report as people see it: in Chromium, on a desk and on a phone."""
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -149,14 +150,15 @@ def test_a_wheel_can_be_hidden_everywhere(look, pages):
 
 def test_charts_over_time_zoom_together(look, pages):
     page = look(pages["real"], DESK)
-    ranges = page.driver.execute_async_script(
-        """const done = arguments[0], plots = [...document.querySelectorAll('.plot')];
-        const over = plots.filter((plot) => plot.dataset.over === 'time');
-        Plotly.relayout(over[0], {'xaxis.range[0]': 1, 'xaxis.range[1]': 2}).then(() => setTimeout(() =>
-          done(over.map((plot) => plot._fullLayout.xaxis.range)), 300));"""
-    )
-    assert ranges == [[1, 2]] * len(ranges)
-    assert len(ranges) > 10
+    over = "[...document.querySelectorAll('.plot')].filter((plot) => plot.dataset.over === 'time')"
+    page.run(f"Plotly.relayout({over}[0], {{'xaxis.range[0]': 1, 'xaxis.range[1]': 2}})")
+    ranges = f"return {over}.map((plot) => plot._fullLayout.xaxis.range)"
+    deadline = time.monotonic() + 30.0
+    while not all(shown == [1, 2] for shown in page.run(ranges)) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    found = page.run(ranges)
+    assert len(found) > 10
+    assert found == [[1, 2]] * len(found)
 
 
 def test_colours_follow_a_dark_screen(look, pages):

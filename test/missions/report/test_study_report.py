@@ -46,7 +46,7 @@ def test_everything_of_a_result_is_on_the_page(folder):
     assert blocks_of(page, Facts) == [Facts([("reproduced", "1"), ("not physical as printed", "1")])]
     assert blocks_of(page, Bullets) == [Bullets(("delta is assumed",))]
     claims, sweep = blocks_of(page, DataTable)
-    assert claims.table == RESULT.claims_table()
+    assert claims.table.rows == RESULT.claims_table().rows
     assert claims.kinds["not physical as printed"] == "warn"
     assert sweep.table == RESULT.tables[0]
     (picture,) = blocks_of(page, Picture)
@@ -54,6 +54,7 @@ def test_everything_of_a_result_is_on_the_page(folder):
     (charts,) = blocks_of(page, Charts)
     (chart,) = charts.charts
     assert [trace.get("name") for trace in chart.traces] == [None, "ours"]
+    assert chart.traces[1]["mode"] == "lines+markers"
     assert not blocks_of(page, Notice)
 
 
@@ -88,6 +89,15 @@ def test_a_summary_of_another_form_gives_its_numbers_and_says_what_is_missing(tm
     first, *_ = blocks_of(page, DataTable)
     assert (first.table.title, first.table.headings) == (title, headings)
     assert [picture.path.name for picture in blocks_of(page, Picture)] == ["plot.png"]
+
+
+def test_studies_that_call_their_numbers_otherwise_are_shown_too(tmp_path):
+    (tmp_path / "live_faults.json").write_text(json.dumps({"trials": [{"fault": "cable", "back_s": 0.5}]}))
+    page = study_page(tmp_path)
+    (table,) = blocks_of(page, DataTable)
+    assert table.table.rows == (("1", "cable", "0.5"),)
+    (notice,) = blocks_of(page, Notice)
+    assert notice.text.startswith("live_faults.json is not in the form")
 
 
 @pytest.mark.parametrize("content", ["{", "3", "[]", "null"])
