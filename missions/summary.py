@@ -80,6 +80,10 @@ class RunSummary:
     """Work of the motors on the wheels."""
     load_work_j: float
     """Work of the rover against snag and drawbar load."""
+    climb_work_j: float
+    """Work against its own weight, uphill positive."""
+    lost_work_j: float
+    """What the motors gave and neither load, height nor speed has: what soil and rolling took. Negative on no run."""
     angle_error_rms_deg: float
     """theta_1 and theta_2 as measured against the true ones, valid readings, after the first second."""
     predicted_share: float
@@ -114,6 +118,9 @@ def summarize(plan: RunPlan, log: RunLog) -> RunSummary:
     status = log.of_wheels(topics.CONTACT_ANGLES, "status").astype(int)
     snag_x = float(x[np.argmax(load > load[0])]) if (load > load[0]).any() else None
     outcome = outcome_of(final_speed, float(zone.max()), mode_at_end, float(x[-1]), snag_x, float(time_s[-1]))
+    wheel_work, load_work = _wheel_work(log, time_s), _integral(load * speed, time_s)
+    slope = log.of_rover(topics.GROUND_TRUTH, "slope")
+    climb_work = _integral(plan.rover.vertical_load_n * np.sin(slope) * speed, time_s)
     return RunSummary(
         scenario=plan.scenario.name,
         controller=plan.controller.policy,
@@ -131,8 +138,10 @@ def summarize(plan: RunPlan, log: RunLog) -> RunSummary:
         retries=int(retries.max()) if retries.size else 0,
         mode_at_end=mode_at_end.name,
         faults=tuple(Fault(int(code)).name for code in faults if code),
-        wheel_work_j=_rounded(_wheel_work(log, time_s)),
-        load_work_j=_rounded(_integral(load, x)),
+        wheel_work_j=_rounded(wheel_work),
+        load_work_j=_rounded(load_work),
+        climb_work_j=_rounded(climb_work),
+        lost_work_j=_rounded(wheel_work - load_work - climb_work - 0.5 * plan.rover.mass_kg * speed[-1] ** 2),
         angle_error_rms_deg=_rounded(_angle_error_deg(log, time_s, status)),
         predicted_share=_rounded(np.mean(status == ContactStatus.PREDICTED) if status.size else 0.0),
         faulty_share=_rounded(np.mean(status >= ContactStatus.FAULT_OPEN_A) if status.size else 0.0),
@@ -192,7 +201,7 @@ def outcome_of(
 def _true_zone_deg(log: RunLog) -> FloatArray:
     theta_1 = log.of_wheels(topics.GROUND_TRUTH, "theta_1")
     theta_2 = log.of_wheels(topics.GROUND_TRUTH, "theta_2")
-    return np.asarray(np.degrees(theta_1 - theta_2))
+    return np.asarray(np.degrees(np.abs(theta_1 - theta_2)))  # backwards, the entry is the rear end
 
 
 def _wheel_work(log: RunLog, time_s: FloatArray) -> float:

@@ -186,6 +186,12 @@ def test_outcomes_of_all_controllers(snag_runs, write_golden):
             assert float(now[name]) == pytest.approx(float(was[name]), abs=loose * tolerance), (now["controller"], name)
 
 
+def test_the_motors_give_all_the_work_that_is_done(snag_runs):
+    for controller, summary in snag_runs[1].items():
+        assert summary.lost_work_j > 0.0, controller
+        assert summary.climb_work_j > 100.0, controller
+
+
 def test_series_of_the_snag(snag_runs, write_golden):
     path = HERE / "mars_snag_soil_flow.csv"
     rows = series_rows(snag_runs[0]["soil_flow"], 120.0, wheel=0)

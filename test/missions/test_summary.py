@@ -26,7 +26,15 @@ def truth_row(sinkage=0.02, slip=0.1, theta_1=0.5, theta_2=-0.4, torque=10.0):
 
 
 def make_log(
-    speed=0.1, duration_s=10.0, modes=(M.DRIVE,), load=0.0, faults=(Fault.NONE,), angles=None, omega=2.0, **wheel
+    speed=0.1,
+    duration_s=10.0,
+    modes=(M.DRIVE,),
+    load=0.0,
+    slope=0.0,
+    faults=(Fault.NONE,),
+    angles=None,
+    omega=2.0,
+    **wheel,
 ):
     """A run at 50 Hz; arguments are numbers or functions of time [s]; modes and faults share the time evenly."""
 
@@ -41,7 +49,10 @@ def make_log(
         x += at(speed, time_s) / RATE
         row = truth_row(**{name: at(value, time_s) for name, value in wheel.items()})
         builder.add(
-            topics.GROUND_TRUTH, stamp_ns, row, np.array([x, at(speed, time_s), 0.0, at(load, time_s), *NO_TURN])
+            topics.GROUND_TRUTH,
+            stamp_ns,
+            row,
+            np.array([x, at(speed, time_s), at(slope, time_s), at(load, time_s), *NO_TURN]),
         )
         mode = modes[(index - 1) * len(modes) // count]
         fault = faults[(index - 1) * len(faults) // count]
@@ -100,6 +111,9 @@ def test_numbers_of_a_steady_drive():
     assert summary.distance_m == pytest.approx(0.1 * span)
     assert summary.wheel_work_j == pytest.approx(10.0 * 2.0 * span)
     assert summary.load_work_j == pytest.approx(40.0 * 0.1 * span)
+    assert summary.climb_work_j == 0.0
+    kinetic = 0.5 * PLAN.rover.mass_kg * 0.1**2
+    assert summary.lost_work_j == pytest.approx(summary.wheel_work_j - summary.load_work_j - kinetic)
     assert summary.largest_slip == 0.25  # a standing start is not counted
     assert (summary.largest_sinkage_mm, summary.final_sinkage_mm) == (20.0, 20.0)
     assert summary.largest_zone_deg == pytest.approx(math.degrees(0.9))
@@ -107,6 +121,12 @@ def test_numbers_of_a_steady_drive():
     assert summary.static_de == (-1.0,)
     assert summary.facts["st"] == 0.6
     assert summary.outcome == Outcome.PASSED.value  # a steady drawbar load is no snag
+
+
+def test_work_against_the_weight_is_counted_uphill():
+    up = summarize(PLAN, make_log(speed=0.1, slope=0.2))
+    assert up.climb_work_j == pytest.approx(PLAN.rover.vertical_load_n * math.sin(0.2) * up.distance_m)
+    assert summarize(PLAN, make_log(speed=0.1, slope=-0.2)).climb_work_j == pytest.approx(-up.climb_work_j)
 
 
 def test_angle_errors_count_valid_readings_after_the_first_second():
