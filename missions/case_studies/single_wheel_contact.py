@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from missions.case_studies.single_wheel_runs import stand_rover
-from sim_bridge.plant import MEASURED_REFILL
 from sim_bridge.scenarios import StandCase, stand_ground
 from strap_rover.arrays import FloatArray
 from strap_rover.rover import load_rover
@@ -19,7 +18,7 @@ from strap_rover.terramechanics.contact import (
     solve_sinkage,
     static_contact_zone,
 )
-from strap_rover.terramechanics.slip_sinkage import MEASURED_LAW, ContactLaw, DiggableSoil, steady_wheel
+from strap_rover.terramechanics.slip_sinkage import DiggableSoil, steady_wheel
 from strap_rover.terramechanics.soil import MARS_DRY_SAND, TABLE_II, Soil, soil_from_de_st
 
 SLIPS: FloatArray = np.linspace(0.02, 0.9, 45)
@@ -75,7 +74,7 @@ def split_on_the_stand(case: StandCase, name: str) -> SplitCurve:
     wheel = Wheel(rover.wheels[0].radius_m, rover.wheels[0].width_m)
     ground = stand_ground(case)
     soil = DiggableSoil(ground.soil, ground.excavation_depth, ground.refill_ratio)
-    steady = steady_wheel(wheel, soil, rover.vertical_load_n, SLIPS, law=law_of_sand(ground.refill_ratio))
+    steady = steady_wheel(wheel, soil, rover.vertical_load_n, SLIPS)
     return _split_at(name, wheel, ground.soil, np.asarray(steady.theta_1), np.asarray(steady.theta_2))
 
 
@@ -102,12 +101,6 @@ def _curiosity_wheel() -> tuple[Wheel, float]:
     """Wheel and its load on Mars [N]."""
     rover = load_rover("curiosity")
     return Wheel(rover.wheels[0].radius_m, rover.wheels[0].width_m), rover.vertical_load_n / len(rover.wheels)
-
-
-def law_of_sand(refill_ratio: float) -> ContactLaw:
-    """The contact law as the plant has it on a sand: less comes up behind the wheel where less flows back."""
-    share = min(refill_ratio / MEASURED_REFILL, 1.0)
-    return ContactLaw(rear_ratio=MEASURED_LAW.rear_ratio * share)
 
 
 def static_zones() -> StaticZones:

@@ -4,25 +4,24 @@ from dataclasses import replace
 import pytest
 
 from missions.case_studies.flow_sweep import SLIPS, SPEEDS_MPS, HeldSlip, flow_centre, run_held_slip
-from sim_bridge.plant import MEASURED_REFILL
 from sim_bridge.scenarios import REFERENCE_STAND, StandCase, stand_ground
 from strap_rover.rover import load_rover
 from strap_rover.terramechanics.contact import Wheel
-from strap_rover.terramechanics.slip_sinkage import MEASURED_LAW, DiggableSoil, steady_wheel
+from strap_rover.terramechanics.slip_sinkage import DiggableSoil, steady_wheel
 from strap_rover.terramechanics.spiral_flow import flow_velocity
 
 ROVER = load_rover("single_wheel")
 HELD = HeldSlip(REFERENCE_STAND, 0.1, 0.2, 0.44)
 
 
-@pytest.mark.parametrize("case", [REFERENCE_STAND, StandCase(excavation_depth_m=0.05, refill_ratio=3.0)])
+@pytest.mark.parametrize(("depth", "kappa"), [(0.02, 0.0), (0.03, 1.5), (0.08, 3.0)])
 @pytest.mark.parametrize("slip", [0.1, 0.4])
-def test_the_plant_settles_where_the_law_of_steady_motion_says(case, slip):
+def test_the_plant_settles_where_the_law_of_steady_motion_says(depth, kappa, slip):
+    case = StandCase(excavation_depth_m=depth, refill_ratio=kappa)
     found = run_held_slip(ROVER, replace(HELD, case=case, slip=slip))
     ground = stand_ground(case)
     soil = DiggableSoil(ground.soil, ground.excavation_depth, ground.refill_ratio)
-    rear = MEASURED_LAW.rear_ratio * min(case.refill_ratio / MEASURED_REFILL, 1.0)
-    steady = steady_wheel(Wheel(0.2, 0.2), soil, 70.0, slip, law=replace(MEASURED_LAW, rear_ratio=rear))
+    steady = steady_wheel(Wheel(0.2, 0.2), soil, 70.0, slip)
     assert found.sinkage_mm == pytest.approx(1e3 * steady.sinkage, rel=0.01)
     assert math.radians(found.theta_1_deg) == pytest.approx(steady.theta_1, rel=0.01)
     assert math.radians(found.theta_2_deg) == pytest.approx(steady.theta_2, rel=0.02, abs=1e-5)

@@ -3,7 +3,6 @@ import pytest
 
 from missions.case_studies.single_wheel_contact import (
     SLIPS,
-    law_of_sand,
     split_of_one_contact,
     split_on_the_stand,
     split_under_load,
@@ -11,7 +10,6 @@ from missions.case_studies.single_wheel_contact import (
 )
 from missions.case_studies.single_wheel_runs import SANDS
 from strap_rover.terramechanics.contact import Wheel, wheel_forces
-from strap_rover.terramechanics.slip_sinkage import MEASURED_LAW
 from strap_rover.terramechanics.soil import MARS_DRY_SAND
 
 ZONES_DEG = (
@@ -51,9 +49,3 @@ def test_on_the_stand_the_contact_grows_with_slip():
         assert (np.diff(curve.theta_1) > 0.0).all()
     assert not trapping.theta_2.any()
     assert (refilling.theta_2 < -0.1).all()
-
-
-def test_soil_that_does_not_flow_back_does_not_rise_behind_the_wheel():
-    assert law_of_sand(0.0).rear_ratio == 0.0
-    assert law_of_sand(3.0) == law_of_sand(5.0) == MEASURED_LAW
-    assert law_of_sand(1.5).rear_ratio == pytest.approx(0.5 * MEASURED_LAW.rear_ratio)
