@@ -117,7 +117,7 @@ def summarize(plan: RunPlan, log: RunLog) -> RunSummary:
     faults = np.unique(log.of_rover(topics.TRACTION_STATE, "fault").astype(int))
     status = log.of_wheels(topics.CONTACT_ANGLES, "status").astype(int)
     snag_x = float(x[np.argmax(load > load[0])]) if (load > load[0]).any() else None
-    outcome = outcome_of(final_speed, float(zone.max()), mode_at_end, float(x[-1]), snag_x, float(time_s[-1]))
+    outcome = outcome_of(abs(final_speed), float(zone.max()), mode_at_end, float(x[-1]), snag_x, float(time_s[-1]))
     wheel_work, load_work = _wheel_work(log, time_s), _integral(load * speed, time_s)
     slope = log.of_rover(topics.GROUND_TRUTH, "slope")
     climb_work = _integral(plan.rover.vertical_load_n * np.sin(slope) * speed, time_s)

@@ -8,6 +8,7 @@ import pytest
 from missions.core_run import CoreGraph, run_cores
 from missions.plan import CYCLE_NS, plan_run
 from missions.summary import Outcome, summarize
+from sim_bridge.scenarios import scenario_named
 from sim_bridge.terrain import Ground
 from strap_rover import topics
 from strap_rover.terramechanics.soil import soil_from_de_st
@@ -76,6 +77,19 @@ def test_the_snag_that_buries_constant_speed_is_survived_on_sand_of_another_law(
     assert outcomes["soil_flow"].stalls >= 1
     assert outcomes["soil_flow"].largest_zone_deg < 70.0
     assert outcomes["soil_flow"].final_speed_mps > 0.2
+
+
+def test_asked_backwards_the_rover_drives_back_and_its_angles_are_read_mirrored():
+    plan = plan_run(replace(scenario_named("composite"), speed_mps=-0.3), seed=0, duration_s=12.0)
+    log = run_cores(plan)
+    summary = summarize(plan, log)
+    assert summary.outcome == Outcome.PASSED.value
+    assert -3.5 < summary.distance_m < -2.0
+    assert summary.faults == ()
+    assert summary.angle_error_rms_deg < 0.3
+    truth = log.of_wheels(topics.GROUND_TRUTH, "theta_1")
+    assert (truth[-1] < -0.1).all()  # the rear end of the zone is the entry
+    assert log.of_wheels(topics.SOIL_STATE, "slip")[-1] == pytest.approx(0.08, abs=0.08)
 
 
 def test_a_settings_change_reaches_the_core(make_plan):
