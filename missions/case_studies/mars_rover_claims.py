@@ -54,7 +54,7 @@ def claims(results: Results, form: Form) -> list[Claim]:
             _if(abs((less.soft_at_s or math.inf) - STATED_SOFT_AT_S) < 5.0, Verdict.REPRODUCED),
             f"its place, {form.reference.soft_from_m:g} m, is chosen for it",
         ),
-        _sinkage_claim(less_trace, form.reference.soft_from_m),
+        _sinkage_claim(less, form.reference.soft_from_m),
         Claim(
             "Fig. 16(a)",
             "sensor-based rover",
@@ -106,9 +106,12 @@ def claims(results: Results, form: Form) -> list[Claim]:
     ]
 
 
-def _sinkage_claim(trace: Trace, soft_from: float) -> Claim:
+def _sinkage_claim(less: DriveResult, soft_from: float) -> Claim:
+    """Of all wheels while the rover drives freely."""
+    trace = trace_of_drive(less)
+    is_free = trace.time_s < (less.snag_at_s or math.inf)
     firm = trace.sinkage_mm[(trace.x_m > 1.0) & (trace.x_m < soft_from)]
-    soft = trace.sinkage_mm[trace.x_m > soft_from + 2.0]
+    soft = trace.sinkage_mm[is_free & (trace.x_m > soft_from + 2.0)]
     if not (firm.size and soft.size):
         return Claim("Fig. 15, 16", "sinkage", "more in soft sand", "not reached", Verdict.NOT_REPRODUCED)
     return Claim(
@@ -117,7 +120,7 @@ def _sinkage_claim(trace: Trace, soft_from: float) -> Claim:
         "more in the soft sand; no number",
         f"median {np.median(firm):.0f} mm on firm sand and stones, {np.median(soft):.0f} mm in soft sand",
         _if(float(np.median(soft)) > 1.2 * float(np.median(firm)), Verdict.REPRODUCED),
-        "sensor-less rover, trapping sand",
+        "sensor-less rover before the snag, trapping sand",
     )
 
 

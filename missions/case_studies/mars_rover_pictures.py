@@ -10,6 +10,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import BoundaryNorm, LightSource, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from missions.case_studies.baselines import BASELINES, SOIL_FLOW
 from missions.case_studies.mars_rover import REFERENCE_SEED, SANDS, SENSOR_LESS, Results
@@ -62,10 +63,9 @@ def draw_all(results: Results, case: MarsCase, folder: Path) -> tuple[StudyFigur
 
 
 def _field(results: Results, case: MarsCase) -> Figure:
-    drive = Drive(case, SOIL_FLOW, REFERENCE_SEED, 60.0)
-    plan = plan_of(drive)
-    terrain = site_of(plan.scenario, plan.rover, plan.seed).terrain
     x_end = case.soft_from_m + case.snag_after_m + _BEYOND_M
+    plan = plan_of(Drive(case, SOIL_FLOW, REFERENCE_SEED, 2.0 * x_end))  # so long that its ground reaches as far
+    terrain = site_of(plan.scenario, plan.rover, plan.seed).terrain
     figure = _figure(13.0, 8.6)
     maps = figure.subplots(3, 1, height_ratios=(1.0, 1.0, 1.1))
     traces = {name: trace_of_drive(results.reference["trapping", name]) for name in (SOIL_FLOW, SENSOR_LESS)}
@@ -96,6 +96,8 @@ def _draw_ground(axis: Axes, terrain: Terrain, x_end: float, case: MarsCase) -> 
     """Soil in colours, shaded by height, and where the snag is."""
     last = math.ceil((x_end - terrain.x_start) / terrain.x_spacing) + 1
     samples = terrain.samples[:, :last]
+    if samples.shape[1] < last:
+        raise ValueError(f"the ground ends at {terrain.x_end} m, before the end of the map at {x_end} m")
     k_phi = samples[..., K_PHI]
     firm, rock = FIRM_SAND.soil.k_phi, ROCK.soil.k_phi
     kind = np.where(k_phi > 2.0 * firm, 0, np.where(k_phi > 0.97 * firm, 1, 2))
@@ -115,7 +117,7 @@ def _draw_ground(axis: Axes, terrain: Terrain, x_end: float, case: MarsCase) -> 
         for colour, name in zip(_GROUND_COLOURS, ("stones, rock", "firm sand", "soft sand"), strict=True)
     ]
     snag = [axis.plot([], [], color=_CRITICAL, linestyle="--", linewidth=1.0, label="snag (front axle)")[0]]
-    axis.legend(handles=[*patches, *snag], loc="upper left", fontsize=8, ncols=4, framealpha=0.9)
+    axis.legend(handles=[*patches, *snag], loc="lower right", fontsize=8, ncols=4, framealpha=0.9)
 
 
 def _draw_tracks(axis: Axes, rover: RoverDescription, trace: Trace, x_end: float, scale: Normalize) -> LineCollection:
@@ -147,7 +149,7 @@ def _motion(results: Results) -> Figure:
         for at, what in ((result.soft_at_s, "soft sand"), (result.snag_at_s, "snag"), (result.stopped_at_s, "stands")):
             if at is not None:
                 place = float(np.interp(at, trace.time_s, trace.x_m))
-                shift = {"soft sand": (6, -14), "snag": (6, -26), "stands": (-12, 12)}[what]
+                shift = {"soft sand": (6, -14), "snag": (8, -16), "stands": (-12, 10)}[what]
                 way.plot(at, place, "o", color=_CRITICAL, markersize=4)
                 way.annotate(f"{what}, {at:.0f} s", (at, place), xytext=shift, textcoords="offset points", fontsize=9)
         way.set_title(f"{letter}) {_NAMES[name]}: {result.outcome}")
@@ -179,7 +181,7 @@ def _control(results: Results) -> Figure:
     axes[0, 0].set_ylim(0.0, 130.0)
     axes[1, 0].set_ylabel("b) commanded wheel speed [rad/s]")
     axes[1, 0].set_ylim(0.0, 2.6)
-    axes[1, 0].legend(frameon=False, ncols=3, fontsize=8, loc="lower left")
+    axes[1, 0].legend(frameon=False, ncols=3, fontsize=8, loc="center left")
     for axis in axes.flat:
         _plain(axis)
     return figure
@@ -226,6 +228,7 @@ def _family(results: Results) -> Figure:
             depth.plot([np.median(values)] * 2, [row - 0.4, row + 0.4], color="black", linewidth=1.6)
         outcomes.set_title(f"{sand} sand")
         outcomes.set_xlabel("members")
+        outcomes.xaxis.set_major_locator(MaxNLocator(integer=True))
         depth.set_xlabel("deepest sinkage of a member [mm]; bar: median")
         depth.set_xlim(0.0, 420.0)
     axes[0, 0].set_yticks(place, list(BASELINES))
