@@ -71,7 +71,16 @@ class Form:
 
 
 FULL = Form(20, REFERENCE_MARS, 160.0, tuple(VARIANTS), 300.0, 8.0)
-SHORT = Form(2, MarsCase(soft_from_m=5.0, snag_after_m=1.5), 26.0, (AS_PRINTED,), 14.0, 1.5, near=(0.8, 0.6))
+SHORT = Form(
+    2,
+    MarsCase(replace(REFERENCE_SNAG, snag_s=6.0), soft_from_m=4.6, snag_after_m=0.8),
+    28.0,
+    (AS_PRINTED,),
+    12.0,
+    1.5,
+    near=(0.8, 0.6),
+)
+"""To see that it all works: too short for its verdicts to say much."""
 
 
 @dataclass(frozen=True, slots=True)
