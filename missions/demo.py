@@ -14,7 +14,7 @@ from missions.lockstep import run_lockstep
 from missions.picture import draw_run
 from missions.plan import CYCLE_NS, NS, RunPlan
 from missions.report.page import ReportError
-from missions.report.report import write_report
+from missions.report.report import REPORT, write_report
 from missions.run_log import run_log_from_bag
 from missions.stop_request import never
 from missions.summary import RunSummary, summarize, write_summary
@@ -83,14 +83,14 @@ def run_demo(plan: RunPlan, folder: Path, console: Console, stopped: Callable[[]
         summary = summarize(plan, log)
         write_summary(summary, folder / SUMMARY)
         draw_run(log, summary, folder / PICTURE)
-        report, why_not = _report(folder)
+        report, why_not = report_of(folder / BAG, folder)
     return DemoResult(folder, summary, done == plan.cycles, report, why_not)
 
 
-def _report(folder: Path) -> tuple[Path | None, str]:
-    """The page on a run, or why there is none: plotly, which it needs, is not everywhere, and the run is whole."""
+def report_of(bag: Path, folder: Path) -> tuple[Path | None, str]:
+    """The page on a run in its folder, or why there is none: plotly is not everywhere, and the run is whole without."""
     try:
-        return write_report(folder), ""
+        return write_report(bag, folder / REPORT), ""
     except ReportError as error:
         return None, str(error)
 

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from missions.demo import PICTURE, SUMMARY, DemoResult, run_progress
+from missions.demo import PICTURE, SUMMARY, DemoResult, report_of, run_progress
 from missions.live_graph import BAG, LiveGraph, NodeDiedError
 from missions.live_report import LiveReport, live_report
 from missions.operator_node import LiveOperator
@@ -109,7 +109,7 @@ def run_live(
             drive = _drive(graph, operator, go_on, stopped, show, plan.duration_s)
             progress.update(task, description="ending the nodes")
             exit_codes = graph.end(end_signals)
-        progress.update(task, description="reading the bag back, drawing")
+        progress.update(task, description="reading the bag back, drawing, reporting")
         bag = _last_whole(graph.bags())
         report = live_report(
             bag, drive.origin_ns, exit_codes, {name: node.died for name, node in graph.nodes.items()}, drive.cpu_share
@@ -119,8 +119,9 @@ def run_live(
         summary = summarize(plan, log)
         write_summary(summary, folder / SUMMARY)
         draw_run(log, summary, folder / PICTURE)
+        page, why_not = report_of(bag, folder)
     is_complete = not (stopped() or drive.failure)
-    return LiveResult(DemoResult(folder, summary, is_complete), report, drive.failure)
+    return LiveResult(DemoResult(folder, summary, is_complete, page, why_not), report, drive.failure)
 
 
 @dataclass(frozen=True, slots=True)

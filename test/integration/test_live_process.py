@@ -71,7 +71,7 @@ def test_a_live_run_leaves_everything_and_exits_0(live, executor):
     code, out, err = run.child.wait(120.0)
     assert (code, err) == (0, ""), run.logs()
     assert {path.name for path in run.folder.iterdir()} == {
-        "bag", "live.json", "logs", "parameters.yaml", "run.png", "summary.json",
+        "bag", "live.json", "logs", "parameters.yaml", "report.html", "run.png", "summary.json",
     }  # fmt: skip
     report = json.loads((run.folder / "live.json").read_text(encoding="utf-8"))
     assert report["exit_codes"] == dict.fromkeys(NODES, 0)

@@ -75,7 +75,7 @@ def test_a_folder_that_is_occupied_or_impossible_is_refused(tmp_path):
 def test_without_plotly_the_run_is_whole_and_says_why_there_is_no_report(tmp_path, monkeypatch, make_plan):
     from rich.console import Console
 
-    def refused(folder):
+    def refused(bag, out):
         raise ReportError("plotly is not installed")
 
     monkeypatch.setattr(demo, "write_report", refused)
