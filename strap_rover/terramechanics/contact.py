@@ -594,16 +594,24 @@ def contact_split(
     )
 
 
+def normal_stress(
+    wheel: Wheel, soil: Soil, theta: npt.ArrayLike, theta_1: float, theta_2: float, slip: npt.ArrayLike
+) -> FloatArray:
+    """Sigma [Pa] at the angles theta [rad] of one contact (Eq. 2); theta and slip broadcast; as `wheel_forces`."""
+    place = np.asarray(theta, dtype=np.float64)
+    peak = np.minimum(PEAK_OFFSET + PEAK_SLOPE * np.abs(np.asarray(slip, dtype=np.float64)), PEAK_LIMIT) * theta_1
+    peak = np.maximum(peak, theta_2)
+    behind = theta_1 - (place - theta_2) / np.maximum(peak - theta_2, 1e-12) * (theta_1 - peak)
+    angle = np.where(place >= peak, place, behind)
+    depth = wheel.radius * np.maximum(np.cos(angle) - np.cos(theta_1), 0.0)
+    return np.asarray(soil.modulus(wheel.width) * depth**soil.n)
+
+
 def _net_horizontal_stress(
     wheel: Wheel, soil: Soil, theta: FloatArray, theta_1: float, theta_2: float, slips: FloatArray
 ) -> FloatArray:
     """Tau cos - sigma sin [Pa], shape (slips, theta)."""
-    peak = np.minimum(PEAK_OFFSET + PEAK_SLOPE * np.abs(slips), PEAK_LIMIT) * theta_1
-    peak = np.maximum(peak, theta_2)
-    behind = theta_1 - (theta - theta_2) / np.maximum(peak - theta_2, 1e-12) * (theta_1 - peak)
-    angle = np.where(theta >= peak, theta, behind)
-    depth = wheel.radius * np.maximum(np.cos(angle) - np.cos(theta_1), 0.0)
-    sigma = soil.modulus(wheel.width) * depth**soil.n
+    sigma = normal_stress(wheel, soil, theta, theta_1, theta_2, slips)
     ratio = np.vectorize(transport_ratio_kernel)(slips)
     j = wheel.radius * ((theta_1 - theta) - ratio * (np.sin(theta_1) - np.sin(theta)))
     strength = soil.cohesion + sigma * np.tan(soil.friction_angle)
