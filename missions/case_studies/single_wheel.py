@@ -273,7 +273,7 @@ def study_result(found: Findings, compared: GraphComparison, members: int, *, sh
             "Trapping sand: delta 20 mm and kappa 0, members 10 to 30 mm and 0 to 0.5; no such sand has been measured.",
             "Refilling sand: delta 80 mm and kappa 3, members 25 to 82 mm; it spans the two sands that were measured.",
             "Members' stiffness 0.8 to 1.25 times Table II; sensor noise 0.5 to 2 times the simulation's usual.",
-            "Weaker sand: st lower by 0.2, load 38 N; not in the paper, where no sand is named that holds a wheel.",
+            "Weaker sand: st lower by 0.25, load 38 N; not in the paper, where no sand is named that holds a wheel.",
             "Asked for: 0.1 m/s, but for the constant speeds; motor lag 0.1 s and 2 rad/s^2.",
             "Flow law as corrected (q squared, vertical part about x_p, M_out at x_out), vc in its lobe form.",
             "The flow law is evaluated at slip 0.45 where slip is more; de is the inverse of Eq. 7.",
@@ -304,7 +304,9 @@ def _words(found: Findings, compared: GraphComparison, members: int) -> tuple[st
         for name in BASELINES
         if (chosen := found.members("weak", name))
     )
-    words.append(f"On weaker sand, where 38 N is near what the wheel can pull, kept going and how deep in: {deepest}.")
+    words.append(
+        f"On weaker sand, where 38 N is more than most wheels can pull, kept going and how deep in: {deepest}."
+    )
     wrong = unbalanced_energy(found)
     drives = sum("wheel_work_j" in run for run in found.runs.values())
     energy = "in every one" if not wrong else f"but for {', '.join(wrong)}"

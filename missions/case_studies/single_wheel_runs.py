@@ -29,7 +29,7 @@ from strap_rover.terramechanics.soil import TABLE_II, Soil
 
 FAMILY_SEED = 20200622
 """Members are drawn from this; nothing was tuned on them."""
-WEAK_ST, WEAK_LOAD_N = 0.4, 38.0
+WEAK_ST, WEAK_LOAD_N = 0.35, 38.0
 WEAK_S = 40.0
 """Long enough for a supervisor to wait and try again three times."""
 UNCONTROLLED = "constant 2 rad/s"
@@ -76,7 +76,7 @@ SANDS: Mapping[str, Sand] = {
     for sand in (
         Sand("trapping", "trapping", "stated load 38-50 N, trapping sand", is_weak=False, duration_s=20.0),
         Sand("refilling", "refilling", "stated load 38-50 N, refilling sand", is_weak=False, duration_s=20.0),
-        Sand("weak", "trapping", "38 N, weaker trapping sand (st about 0.4)", is_weak=True, duration_s=WEAK_S),
+        Sand("weak", "trapping", "38 N, weaker trapping sand (st about 0.35)", is_weak=True, duration_s=WEAK_S),
     )
 }
 """By name, in the order of the tables."""
