@@ -38,7 +38,11 @@ from strap_rover.flight_recorder.recorder import LOSS_KEY
 
 def bag_page(bag: Path) -> Page:
     """The page of the bag at `bag`, a folder or an .mcap file; BagError when there is nothing to tell."""
-    recording = read_recording(bag)
+    return drive_page(read_recording(bag))
+
+
+def drive_page(recording: Recording) -> Page:
+    """The page of what a bag says of a drive, whatever it lacks."""
     facts = drive_facts(recording)
     marks, labels = event_marks(facts)
     sections = [

@@ -231,7 +231,7 @@ def mode_shades(recording: Recording) -> list[dict[str, Any]]:
     time_s = recording.time_s(topics.TRACTION_STATE)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1])
     ends = np.concatenate([time_s[starts[1:]], time_s[-1:]])
-    standing = {int(mode): MODE_COLOURS[mode] for mode in _STANDING_MODES}
+    standing = {float(mode): MODE_COLOURS[mode] for mode in _STANDING_MODES}
     return [
         {
             "type": "rect",
@@ -241,13 +241,13 @@ def mode_shades(recording: Recording) -> list[dict[str, Any]]:
             "x1": round(float(end), 3),
             "y0": 0,
             "y1": 1,
-            "fillcolor": standing[int(codes[start])],
+            "fillcolor": standing[float(codes[start])],
             "opacity": 0.25,
             "line": {"width": 0},
             "layer": "below",
         }
         for start, end in zip(starts, ends, strict=True)
-        if int(codes[start]) in standing
+        if float(codes[start]) in standing
     ][:_MOST_SHADES]
 
 
@@ -381,8 +381,11 @@ def _path(recording: Recording, facts: DriveFacts) -> list[Trace]:
     x, y = recording.of_rover(topics.ODOM, "x"), recording.of_rover(topics.ODOM, "y")
     if x is None or y is None or not x.size:
         return []
+    known = np.isfinite(x) & np.isfinite(y)
+    time_s, x, y = recording.time_s(topics.ODOM)[known], x[known], y[known]
+    if not x.size:
+        return []
     picked = np.unique(np.linspace(0, x.size - 1, min(x.size, _PATH_POINTS)).astype(np.int64))
-    time_s = recording.time_s(topics.ODOM)
     marks = [(0.0, "start"), *((event.time_s, str(number)) for number, event in enumerate(facts.events, 1))]
     marks = [*marks, (float(time_s[-1]), "end")]
     at_s = np.array([at for at, _ in marks])

@@ -94,7 +94,7 @@ def drive_facts(recording: Recording) -> DriveFacts:
     zone = _zone_deg(recording)
     modes = _codes(recording, "state", TractionMode)
     faults = _codes(recording, "fault", Fault)
-    retries = recording.of_rover(topics.TRACTION_STATE, "retries")
+    retries = _known(recording.of_rover(topics.TRACTION_STATE, "retries"))
     speed = _final_speed(recording, source)
     moving = _where_turning(recording)
     slip_max = _wheel_series(recording, topics.SOIL_STATE, "slip_max")
@@ -115,7 +115,7 @@ def drive_facts(recording: Recording) -> DriveFacts:
         mode_shares={mode: float(np.mean(modes == mode)) for mode in TractionMode if (modes == mode).any()},
         mode_at_end=mode_at_end,
         stalls=int(np.count_nonzero((np.diff(modes) != 0) & (modes[1:] == TractionMode.STALL))),
-        retries=0 if retries is None or not retries.size else int(np.nanmax(retries)),
+        retries=int(retries.max()) if retries.size else 0,
         faults=tuple(Fault(int(code)) for code in np.unique(faults) if code),
         events=_events(recording, modes, faults),
         status_shares=_status_shares(recording),
@@ -198,16 +198,21 @@ def _final_speed(recording: Recording, source: Topic) -> float | None:
     speed, time_s = recording.of_rover(source, "speed"), recording.time_s(source)
     if speed is None or not time_s.size:
         return None
-    last = speed[time_s >= time_s[-1] - FINAL_S]
-    return float(np.nanmean(last)) if np.isfinite(last).any() else None
+    last = _known(speed[time_s >= time_s[-1] - FINAL_S])
+    return float(last.mean()) if last.size else None
 
 
 def _from_start_m(recording: Recording, source: Topic) -> float | None:
-    x, y = recording.of_rover(source, "x"), recording.of_rover(source, "y")
-    if x is None or not x.size:
+    x, y = _known(recording.of_rover(source, "x")), _known(recording.of_rover(source, "y"))
+    if not x.size:
         return None
-    across = 0.0 if y is None else float(y[-1] - y[0])
+    across = float(y[-1] - y[0]) if y.size else 0.0
     return float(np.hypot(x[-1] - x[0], across))
+
+
+def _known(values: FloatArray | None) -> FloatArray:
+    """The finite ones of a column over time."""
+    return np.empty(0) if values is None else values[np.isfinite(values)]
 
 
 def _outcome(
@@ -218,7 +223,8 @@ def _outcome(
     mode: TractionMode | None,
 ) -> Outcome | None:
     x = recording.of_rover(source, "x")
-    if x is None or not x.size or final_speed is None:
+    known = _known(x)
+    if x is None or not known.size or final_speed is None:
         return None
     load = recording.of_rover(topics.GROUND_TRUTH, "external_load")
     snag_x = None
@@ -230,7 +236,7 @@ def _outcome(
         final_speed,
         0.0 if peak is None else peak.value,
         TractionMode.STANDBY if mode is None else mode,
-        float(x[-1]),
+        float(known[-1]),
         snag_x,
         float(recording.time_s(source)[-1]),
     )

@@ -136,16 +136,22 @@ def _held_back(recording: Recording) -> tuple[str, ...]:
     limited = recording.of_wheels(topics.TRACTION_STATE, "limited")
     if limited is None or not limited.size:
         return ()
-    return tuple(f"{100 * share:.0f}" for share in np.nanmean(limited, axis=0))
+    known = [column[np.isfinite(column)] for column in limited.T]
+    return tuple(f"{100 * column.mean():.0f}" if column.size else _UNKNOWN for column in known)
 
 
 def _last(recording: Recording, quantity: str) -> tuple[str, ...]:
     values, std = (recording.of_wheels(topics.SOIL_STATE, name) for name in (quantity, f"{quantity}_std"))
     if values is None or not values.size:
         return ()
-    if std is None:
-        return tuple(f"{value:.2f}" for value in values[-1])
-    return tuple(f"{value:.2f} \u00b1 {sigma:.2f}" for value, sigma in zip(values[-1], std[-1], strict=True))
+    sigmas = np.full(values.shape[1], np.nan) if std is None else std[-1]
+    return tuple(_with_sigma(value, sigma) for value, sigma in zip(values[-1], sigmas, strict=True))
+
+
+def _with_sigma(value: float, sigma: float) -> str:
+    if not np.isfinite(value):
+        return _UNKNOWN
+    return f"{value:.2f} \u00b1 {sigma:.2f}" if np.isfinite(sigma) else f"{value:.2f}"
 
 
 def _share_measured(recording: Recording, facts: DriveFacts) -> tuple[str, ...]:

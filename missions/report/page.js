@@ -87,8 +87,7 @@
     });
   }
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour);
-  addEventListener("beforeprint", recolour);
-  addEventListener("afterprint", recolour);
+  matchMedia("print").addEventListener("change", recolour);
 
   (async () => {
     for (const plot of plots) {
