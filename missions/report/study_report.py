@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from missions.case_studies.plain_table import PlainTable
-from missions.case_studies.study_result import SUMMARY_FILE, StudyResult, StudyResultError, Verdict, read_study_result
+from missions.case_studies.study_result import (
+    SUMMARY_FILE,
+    StudyFigure,
+    StudyResult,
+    StudyResultError,
+    Verdict,
+    read_study_result,
+)
 from missions.case_studies.study_result import Chart as StudyChart
 from missions.report.charts import WHEEL_COLOURS, Chart, Trace, band, packed
 from missions.report.page import (
@@ -81,9 +88,16 @@ def _result_page(folder: Path, result: StudyResult) -> Page:
     if result.tables:
         sections.append(Section("Tables", [DataTable(table) for table in result.tables]))
     if result.figures:
-        pictures = [Picture(folder / figure.file, figure.title, figure.caption) for figure in result.figures]
-        sections.append(Section("Pictures", pictures))
+        sections.append(Section("Pictures", [_figure(folder, figure) for figure in result.figures]))
     return Page(result.title, f"case study {result.study}", sections)
+
+
+def _figure(folder: Path, figure: StudyFigure) -> Block:
+    """A picture of the study's own; a file elsewhere is nobody's to pass on."""
+    path = folder / figure.file
+    if not path.resolve().is_relative_to(folder.resolve()):
+        return Notice(f"{figure.title}: its file {figure.file} is not in the study's folder, and left out.", "warn")
+    return Picture(path, figure.title, figure.caption)
 
 
 def _chart(chart: StudyChart) -> Chart:

@@ -1,5 +1,6 @@
 """A study's folder -> a page, in the common form and in others."""
 
+import dataclasses
 import json
 
 import pytest
@@ -59,11 +60,17 @@ def test_everything_of_a_result_is_on_the_page(folder):
 
 
 def test_a_short_run_says_so(folder):
-    import dataclasses
-
     dataclasses.replace(RESULT, is_short=True).write(folder)
     (notice,) = blocks_of(study_page(folder), Notice)
     assert "too few runs to conclude anything" in notice.text
+
+
+def test_a_picture_from_elsewhere_is_not_passed_on(folder):
+    (folder.parent / "secret.png").write_bytes(b"private")
+    dataclasses.replace(RESULT, figures=(StudyFigure("../secret.png", "A picture", ""),)).write(folder)
+    page = study_page(folder)
+    assert blocks_of(page, Picture) == []
+    assert "its file ../secret.png is not in the study's folder" in blocks_of(page, Notice)[0].text
 
 
 def test_equal_folders_give_equal_pages(folder):
