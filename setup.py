@@ -59,7 +59,7 @@ setup(
     extras_require={
         "ros": ["ros-rclpy[fastrtps]==7.1.6", "ros-jazzy-rclpy", "ros-jazzy-common-interfaces"],
         "test": ["pytest", "hypothesis", "rosbags", "mcap-ros2-support"],
-        "report": ["plotly"],
+        "report": ["plotly>=6"],  # before, its JavaScript read no packed numbers
         "granular": ["lammps", "mpi4py"],
         "campaign": ["dask[distributed]", "pyarrow"],
     },

@@ -5,6 +5,7 @@ import html
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -13,6 +14,8 @@ import strap_rover
 from missions.case_studies.plain_table import PlainTable
 from missions.report.charts import Chart
 
+_OLDEST_PLOTLY = 6
+"""Its JavaScript is the first that reads packed numbers."""
 MARK = '<meta name="generator" content="strap_rover report'
 """What a report of ours begins with, within its first kilobyte."""
 
@@ -146,13 +149,16 @@ def render(page: Page) -> str:
 
 
 def plotly_js() -> str:
-    """Plotly's JavaScript, from the Python package; ReportError when that is not installed."""
+    """Plotly's JavaScript, from the Python package; ReportError when that is not installed, or too old."""
+    remedy = f"run `pip install 'plotly>={_OLDEST_PLOTLY}'` in this environment"
     try:
-        return files("plotly").joinpath("package_data/plotly.min.js").read_text(encoding="utf-8")
-    except (ModuleNotFoundError, FileNotFoundError):
-        raise ReportError(
-            "plotly is not installed, and the charts need it; run `pip install plotly` in this environment"
-        ) from None
+        found = version("plotly")
+        text = files("plotly").joinpath("package_data/plotly.min.js").read_text(encoding="utf-8")
+    except (PackageNotFoundError, ModuleNotFoundError, FileNotFoundError):
+        raise ReportError(f"plotly is not installed, and the charts need it; {remedy}") from None
+    if int(found.partition(".")[0]) < _OLDEST_PLOTLY:
+        raise ReportError(f"plotly {found} is too old for the charts; {remedy}")
+    return text
 
 
 def _json(content: object) -> str:

@@ -109,5 +109,11 @@ def test_without_plotly_one_message_says_what_to_do(monkeypatch):
         raise ModuleNotFoundError(name)
 
     monkeypatch.setattr(page_module, "files", missing)
-    with pytest.raises(ReportError, match=r"plotly is not installed.*pip install plotly"):
+    with pytest.raises(ReportError, match=r"plotly is not installed.*pip install 'plotly>=6'"):
+        page_module.plotly_js()
+
+
+def test_a_plotly_that_reads_no_packed_numbers_is_refused(monkeypatch):
+    monkeypatch.setattr(page_module, "version", lambda name: "5.15.0")
+    with pytest.raises(ReportError, match=r"plotly 5\.15\.0 is too old for the charts; run `pip install 'plotly>=6'`"):
         page_module.plotly_js()
