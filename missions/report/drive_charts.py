@@ -138,7 +138,7 @@ def soil_charts(recording: Recording, facts: DriveFacts) -> list[Chart]:
         _chart(
             facts.flow_ratio,
             "Flow ratio vc [-]",
-            "Above the dotted line soil passes under the wheel; below it the wheel pushes soil ahead.",
+            "Below the dotted line more soil leaves the zone under the wheel than enters it. Says nothing on firm ground.",
             _range((0.0, _flow_top(facts.flow_ratio))),
             [level(1.0, *span)],
         ),
@@ -148,7 +148,7 @@ def soil_charts(recording: Recording, facts: DriveFacts) -> list[Chart]:
             topics.SOIL_STATE,
             "m_out",
             "Soil flow out of the zone [kg/s]",
-            "m_out, as estimated; where less goes out than in, soil piles up.",
+            "m_out, as estimated; where more goes out than in, the flow ratio is below 1.",
         ),
     ]
 
@@ -160,12 +160,16 @@ def margin_charts(recording: Recording, facts: DriveFacts) -> list[Chart]:
         _chart(
             facts.slip_margin,
             "Room to the slip limit [-]",
-            "slip_max - slip: below the dotted line a wheel digs.",
+            "slip_max - slip: below the dotted line soil leaves faster than it enters, or the cap of slip is passed.",
             _range((-1.0, 0.6)),
             [level(0.0, *span)],
         ),
         _named(
-            recording, topics.TRACTION_STATE, "omega_max", "Upper end of the speed band [rad/s]", "Faster would dig."
+            recording,
+            topics.TRACTION_STATE,
+            "omega_max",
+            "Upper end of the speed band [rad/s]",
+            "Faster, and more soil would leave than enter.",
         ),
         _named(
             recording,
