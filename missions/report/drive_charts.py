@@ -138,7 +138,7 @@ def soil_charts(recording: Recording, facts: DriveFacts) -> list[Chart]:
         _chart(
             facts.flow_ratio,
             "Flow ratio vc [-]",
-            "Below the dotted line more soil leaves the zone under the wheel than enters it. Says nothing on firm ground.",
+            "Below the dotted line more soil leaves from under the wheel than enters. Says nothing on firm ground.",
             _range((0.0, _flow_top(facts.flow_ratio))),
             [level(1.0, *span)],
         ),
