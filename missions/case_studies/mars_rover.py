@@ -187,7 +187,8 @@ def run_study(
 
 
 def _standing_s(controller: str) -> float:
-    return 30.0 if controller in _PAUSING else 16.0
+    """Three waits and the attempts between them take some 35 s: only then has a supervisor given up."""
+    return 45.0 if controller in _PAUSING else 16.0
 
 
 def _reference_key(sand: str, controller: str) -> str:
