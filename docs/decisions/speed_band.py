@@ -19,17 +19,17 @@ from traction_controller.traction import TractionController
 
 ZONES_DEG = ((15.0, -3.0), (22.0, -4.0), (30.0, -5.0), (45.0, -8.0), (60.0, -10.0))
 CASES = {
-    "reference (9 deg, delta 20 mm)": SnagCase(),
+    "reference (7 deg, delta 20 mm)": SnagCase(),
     "delta 30 mm": SnagCase(excavation_depth_m=0.03),
-    "10 deg": SnagCase(slope_deg=10.0),
+    "8 deg": SnagCase(slope_deg=8.0),
 }
 
 
 class AlwaysRaised(TractionController):
     """The lower end in force whatever the rover's speed."""
 
-    def _soil_flow(self, asked_mps, speed, now_ns):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-        limits = super()._soil_flow(asked_mps, speed, now_ns)
+    def _soil_flow(self, asked_mps, speed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+        limits = super()._soil_flow(asked_mps, speed)
         wanted = np.minimum(np.maximum(asked_mps / self._radius, limits.omega_min), limits.omega_max)
         return replace(limits, wanted=wanted)
 
@@ -37,8 +37,8 @@ class AlwaysRaised(TractionController):
 class NeverRaised(TractionController):
     """No lower end."""
 
-    def _soil_flow(self, asked_mps, speed, now_ns):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-        limits = super()._soil_flow(asked_mps, speed, now_ns)
+    def _soil_flow(self, asked_mps, speed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+        limits = super()._soil_flow(asked_mps, speed)
         return replace(limits, wanted=np.minimum(asked_mps / self._radius, limits.omega_max))
 
 
