@@ -49,6 +49,8 @@ from missions.case_studies.single_wheel_runs import (
     FAMILY_SEED,
     SANDS,
     UNCONTROLLED,
+    Drive,
+    Job,
     drive_plan,
     run_job,
     stand_deformability,
@@ -102,7 +104,7 @@ def run_study(
     if len(runs) < len(jobs) or stopped():
         return False
     with console.status("one run through the ROS graph"):
-        compared = compare_with_graph(drive_plan(_lockstep_job(number, short=short)), stopped)
+        compared = compare_with_graph(drive_plan(_first_drive(jobs)), stopped)
     if compared is None:
         return False
     with console.status("soil nodes, pictures"):
@@ -118,8 +120,12 @@ def run_study(
     return compared.is_equal and not unbalanced_energy(found)
 
 
-def _lockstep_job(members: int, *, short: bool) -> Any:
-    return study_jobs(members, short=short)[f"trapping 0 {SOIL_FLOW}"]
+def _first_drive(jobs: Mapping[str, Job]) -> Drive:
+    """The first member's drive by the controller."""
+    job = jobs[f"trapping 0 {SOIL_FLOW}"]
+    if not isinstance(job, Drive):
+        raise TypeError(f"a member's run must be a drive, got {job!r}")
+    return job
 
 
 def compare_with_graph(plan: RunPlan, stopped: Callable[[], bool] = never) -> GraphComparison | None:
@@ -244,9 +250,8 @@ def draw(found: Findings, folder: Path) -> None:
     free = [run for key, run in found.runs.items() if key.startswith("free wheel")]
     draw_uncontrolled(found.uncontrolled, free, constant, uncontrolled)
     driven = {
-        f"{controller}, {sand}": found.runs[f"reference {sand} {controller}"]["trace"]
+        f"{SOIL_FLOW}, {sand}": found.runs[f"reference {sand} {SOIL_FLOW}"]["trace"]
         for sand in ("trapping", "refilling")
-        for controller in (SOIL_FLOW,)
     }
     draw_controlled(driven, controlled)
     members = {
