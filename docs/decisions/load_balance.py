@@ -59,9 +59,14 @@ def log_secant(excess: Excess, n: float, slip: float, *, repaired: bool) -> floa
     return theta
 
 
+def _excess_at(kernel: Any, case: tuple[float, ...], theta_1: float) -> float:
+    """ln(F_z/W) at an entry angle."""
+    return float(kernel(*case, math.log(theta_1))[0])
+
+
 def counted(name: str, cases: list[tuple[float, ...]]) -> tuple[np.ndarray, float, int]:
     """(|F_z - W| [N], mean evaluations, most) of a solver over cases (kernel arguments)."""
-    kernel: Any = contact._load_excess_kernel  # noqa: SLF001 - its calls are to be counted
+    kernel: Any = contact._carried_kernel  # noqa: SLF001 - its calls are to be counted
     balance: Any = contact._load_balance_kernel  # noqa: SLF001
     evaluations: list[int] = []
     errors = []
@@ -69,13 +74,13 @@ def counted(name: str, cases: list[tuple[float, ...]]) -> tuple[np.ndarray, floa
         excess = mock.Mock(side_effect=kernel)
         n, load, slip = case[3], case[7], case[8]
         if name == "in use":
-            with mock.patch.object(contact, "_load_excess_kernel", excess):
-                theta_1 = balance.py_func(*case)
+            with mock.patch.object(contact, "_carried_kernel", excess):
+                theta_1, _ = balance.py_func(*case)
         else:
-            at_angle = functools.partial(excess, *case)
+            at_angle = functools.partial(_excess_at, excess, case)
             theta_1 = log_secant(at_angle, n, slip, repaired=name.endswith("repaired"))
         evaluations.append(excess.call_count)
-        errors.append(abs(load * math.expm1(float(kernel(*case, theta_1)))))
+        errors.append(abs(load * math.expm1(_excess_at(kernel, case, theta_1))))
     return np.array(errors), float(np.mean(evaluations)), max(evaluations)
 
 
