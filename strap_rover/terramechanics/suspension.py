@@ -37,8 +37,8 @@ class SuspensionGeometry:
     sides: IntArray
     """Shape (2, 3) or (0, 3): front, middle, rear wheel of the left and the right side."""
     numbers: FloatArray
-    """Shape (10,): centre of gravity x, y and height, rocker pivot height, bogie pivot height, track [m], sums of the
-    squares of wheel x and y about their means [m^2], those means [m]."""
+    """Shape (11,): centre of gravity x, y and height, rocker pivot height, bogie pivot height, track [m], sums of the
+    squares of wheel x and y about their means [m^2], those means [m], sum of the products x y about them [m^2]."""
     wheels: FloatArray
     """Shape (3, W): x, y [m], share of the load."""
 
@@ -73,6 +73,7 @@ def suspension_of(rover: RoverDescription) -> SuspensionGeometry:
             ((y - y.mean()) ** 2).sum(),
             x.mean(),
             y.mean(),
+            (x - x.mean()) @ (y - y.mean()),
         ]
     )
     return SuspensionGeometry(sides, numbers, wheels)
@@ -126,30 +127,49 @@ def _side_tilts_kernel(side: IntArray, wheels: FloatArray, bottoms: FloatArray) 
 
 
 @compiled
+def _plane_kernel(numbers: FloatArray, along: float, across: float) -> tuple[float, float]:
+    """Per x and per y, the plane over the wheels whose moments in x and y are `along` and `across`; 0 where undefined.
+
+    Sums over the wheels of plane times (x - mean) and plane times (y - mean) are the moments.
+    """
+    common = numbers[6] * numbers[7] - numbers[10] * numbers[10]
+    if common > 1e-9 * numbers[6] * numbers[7]:
+        return (
+            (along * numbers[7] - across * numbers[10]) / common,
+            (across * numbers[6] - along * numbers[10]) / common,
+        )
+    return along / numbers[6] if numbers[6] > 0.0 else 0.0, across / numbers[7] if numbers[7] > 0.0 else 0.0
+
+
+@compiled
+def tilt_of_plane_kernel(rise: float, lean: float) -> tuple[float, float]:
+    """Pitch (nose up) and roll (right side down) [rad] of a body on a plane that rises so much per length ahead, left.
+
+    Heading, pitch, roll in this order (ROS REP 103): roll is about the pitched axis, so less than atan(lean).
+    """
+    pitch = math.atan(rise)
+    return pitch, math.atan(lean * math.cos(pitch))
+
+
+@compiled
 def body_tilt_kernel(
     sides: IntArray, numbers: FloatArray, wheels: FloatArray, bottoms: FloatArray
 ) -> tuple[float, float]:
     """Pitch (nose up) and roll (right side down) of the body [rad] on wheels whose lowest points are at `bottoms`.
 
-    Rocker-bogie: the mean of the rockers; others: the plane through the wheels. 0 where all wheels are in one line.
+    Rocker-bogie: pitch is the mean of the rockers; others: of the plane through the wheels. Roll is of that plane. 0
+    where all wheels are in one line.
     """
-    count = bottoms.size
-    pitch = roll = 0.0
-    if numbers[7] > 0.0:
-        lean = 0.0
-        for i in range(count):
-            lean += (wheels[1, i] - numbers[9]) * bottoms[i]
-        roll = math.atan(lean / numbers[7])
+    along = across = 0.0
+    for i in range(bottoms.size):
+        along += (wheels[0, i] - numbers[8]) * bottoms[i]
+        across += (wheels[1, i] - numbers[9]) * bottoms[i]
+    rise, lean = _plane_kernel(numbers, along, across)
     if sides.shape[0] == 2:
         left, _ = _side_tilts_kernel(sides[0], wheels, bottoms)
         right, _ = _side_tilts_kernel(sides[1], wheels, bottoms)
-        pitch = 0.5 * (left + right)
-    elif numbers[6] > 0.0:
-        tilt = 0.0
-        for i in range(count):
-            tilt += (wheels[0, i] - numbers[8]) * bottoms[i]
-        pitch = math.atan(tilt / numbers[6])
-    return pitch, roll
+        rise = math.tan(0.5 * (left + right))
+    return tilt_of_plane_kernel(rise, lean)
 
 
 @compiled
@@ -163,11 +183,11 @@ def wheel_loads_kernel(
     wheels: FloatArray,
     loads: FloatArray,
 ) -> None:
-    """Load on each wheel along the body's vertical [N] into `loads`; `pulls`: net forward force of each [N]."""
+    """Load on each wheel along the body's vertical [N] into `loads`; `pulls`: net force on each along the body [N]."""
     count = loads.size
     pressing = weight * math.cos(pitch) * math.cos(roll)
     height = numbers[2]
-    to_right = weight * math.sin(roll) * height
+    to_right = weight * math.sin(roll) * math.cos(pitch) * height
     backward = weight * math.sin(pitch)
     if sides.shape[0] == 2:
         differential = -0.5 * backward * (height - numbers[3])
@@ -191,11 +211,9 @@ def wheel_loads_kernel(
             )
             loads[rear] = on_bogie - loads[middle]
     else:
+        per_x, per_y = _plane_kernel(numbers, backward * height, to_right)
         for i in range(count):
             loads[i] = wheels[2, i] * pressing
-            if numbers[6] > 0.0:
-                loads[i] -= backward * height / numbers[6] * (wheels[0, i] - numbers[8])
-            if numbers[7] > 0.0:
-                loads[i] -= to_right / numbers[7] * (wheels[1, i] - numbers[9])
+            loads[i] -= per_x * (wheels[0, i] - numbers[8]) + per_y * (wheels[1, i] - numbers[9])
     for i in range(count):
         loads[i] = max(loads[i], LEAST_SHARE * wheels[2, i] * weight)

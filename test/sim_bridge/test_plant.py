@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 
 from sim_bridge.plant import (
     ACCELERATION,
@@ -41,7 +42,18 @@ from sim_bridge.plant import (
     X,
     Y,
 )
-from sim_bridge.terrain import FIRM_SAND, ROCK, Ground, Stretch, Terrain, build_terrain, ramp
+from sim_bridge.terrain import (
+    DING_2011,
+    FIRM_SAND,
+    ROCK,
+    SOFT_REFILLING,
+    SOFT_TRAPPING,
+    Ground,
+    Stretch,
+    Terrain,
+    build_terrain,
+    ramp,
+)
 from sim_bridge.terrain_generator import composite_terrain
 from strap_rover.arrays import FloatArray
 from strap_rover.rover import RoverDescription, WheelDescription, load_rover
@@ -344,6 +356,149 @@ def test_motion_is_the_integral_of_speeds_and_the_momentum_that_of_forces() -> N
     assert plant.wheels[ANGLE] - angles == pytest.approx(turned, rel=1e-12)
     assert plant.contact[SLIP] == pytest.approx(slip_ratio(plant.body[SPEED], RADIUS, plant.wheels[OMEGA]), abs=2e-3)
     assert np.abs(plant.body[[Y, HEADING, SIDE_SPEED, YAW_RATE]]).max() < 1e-9  # both sides alike: straight on
+
+
+def even_slope(ground: Ground, rise: float, lean: float) -> Terrain:
+    """A plane that rises by these per metre along x and y."""
+    even = build_terrain([(y, [Stretch(-math.inf, ground)]) for y in (-40.0, 40.0)], level)
+    samples = even.samples.copy()
+    x = even.x_start + even.x_spacing * np.arange(samples.shape[1])
+    samples[:, :, 0] = rise * x + lean * np.array([-40.0, 40.0])[:, None]
+    samples[:, :, 1], samples[:, :, 2] = math.atan(rise), math.atan(lean)
+    return dataclasses.replace(even, samples=samples)
+
+
+class Energy:
+    """What a rover on an even slope has, kinetic and by its place; y and heading count."""
+
+    def __init__(self, rover: RoverDescription, plant: Plant, rise: float, lean: float) -> None:
+        self._plant, self._mass, self._inertia = plant, rover.mass_kg, rover.yaw_inertia_kgm2
+        self._downhill = rover.vertical_load_n / math.hypot(1.0, rise, lean) * np.array([rise, lean])
+        self._centre = plant.suspension.numbers[:2].copy()
+
+    def now(self) -> float:
+        body = self._plant.body
+        cos_h, sin_h = math.cos(body[HEADING]), math.sin(body[HEADING])
+        place = body[[X, Y]] + np.array([[cos_h, -sin_h], [sin_h, cos_h]]) @ self._centre
+        kinetic = self._mass * (body[SPEED] ** 2 + body[SIDE_SPEED] ** 2) + self._inertia * body[YAW_RATE] ** 2
+        return float(0.5 * kinetic + self._downhill @ place)
+
+
+GROUNDS_TRIED = (FIRM_SAND, ROCK, SAND, SOFT_REFILLING, SOFT_TRAPPING, DING_2011)
+
+
+def thrown_rover(seed: int) -> tuple[RoverDescription, Plant, Energy, np.random.Generator]:
+    """A rover of either kind on some ground and slope that looks some way."""
+    rng = np.random.default_rng(seed)
+    rover = load_rover(("curiosity", "husky")[seed % 2])
+    length, breadth = (2.4, 2.6) if seed % 2 == 0 else (0.8, 0.7)
+    rover = dataclasses.replace(rover, yaw_inertia_kgm2=rover.mass_kg * (length**2 + breadth**2) / 12.0)
+    rise, lean = rng.uniform(-0.15, 0.15, 2)
+    plant = Plant(rover, even_slope(GROUNDS_TRIED[seed % 6], rise, lean), PlantSettings())
+    plant.body[HEADING] = rng.uniform(-3.0, 3.0)
+    if rng.random() < 0.4:
+        plant.steering[:] = rng.uniform(-0.5, 0.5, plant.steering.size)
+    return rover, plant, Energy(rover, plant, rise, lean), rng
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_blocked_wheels_never_gain_energy_and_come_to_rest(seed: int) -> None:
+    _, plant, energy, rng = thrown_rover(seed)
+    plant.body[[SPEED, SIDE_SPEED, YAW_RATE]] = rng.uniform(-0.6, 0.6, 3)
+    most = energy.now()
+    for _ in range(100):
+        plant.advance(10)
+        assert energy.now() <= most + 0.05
+    assert np.abs(plant.body[[SPEED, SIDE_SPEED, YAW_RATE]]).max() < 2e-3
+    place = plant.body[[X, Y]].copy()
+    drive(plant, 0.0, 5.0)
+    assert np.abs(plant.body[[X, Y]] - place).max() < 0.005
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_motors_give_the_energy_that_is_there_however_a_rover_is_driven(seed: int) -> None:
+    """Turning, reversing, braking downhill: springs of standing wheels store work, but never more than was put in."""
+    rover, plant, energy, rng = thrown_rover(100 + seed)
+    left = np.array([wheel.y_m > 0.0 for wheel in rover.wheels])
+    ways = (0.0, 1.0, np.where(left, 1.0, -1.0), np.where(left, 1.0, 0.4))
+    before, given, dt = energy.now(), 0.0, plant.settings.step_s
+    for _ in range(6):
+        plant.commands[:] = rng.uniform(-2.0, 2.0) * ways[rng.integers(4)]
+        for _ in range(400):
+            turned = plant.wheels[OMEGA].copy()
+            plant.advance(1)
+            given += dt * float(plant.contact[TORQUE] @ turned)
+            assert given >= energy.now() - before - 0.05
+
+
+@pytest.mark.parametrize(("name", "step", "omega"), [("curiosity", 0.005, 0.1), ("single_wheel", 0.01, 0.3),
+                                                     ("single_wheel", 0.01, 1.0), ("husky", 0.01, 0.1)])  # fmt: skip
+def test_a_rover_that_slows_down_does_not_ring(name: str, step: float, omega: float) -> None:
+    plant = Plant(load_rover(name), uniform(SOFT_REFILLING), PlantSettings(step_s=step))
+    drive(drive(plant, 2.0, 6.0), omega, 15.0)
+    speeds = [float(drive(plant, omega, 0.05).body[SPEED]) for _ in range(40)]
+    assert np.ptp(speeds) < 0.1 * np.mean(speeds)
+
+
+@pytest.mark.parametrize("ground", [ROCK, SAND], ids=["rock", "sand"])
+@pytest.mark.parametrize("name", ["curiosity", "husky", "single_wheel"])
+def test_the_longest_step_is_short_enough(name: str, ground: Ground) -> None:
+    seen = []
+    for step in (0.01, 0.005):
+        plant = Plant(load_rover(name), uniform(ground, math.radians(5.0)), PlantSettings(step_s=step))
+        drive(drive(drive(plant, 1.5, 8.0), 0.3, 5.0), 1.0, 5.0)
+        seen.append([plant.body[X], plant.body[SPEED], *plant.contact[[SINKAGE, TORQUE]].ravel()])
+    assert seen[0] == pytest.approx(seen[1], rel=STEP_HALVING)
+
+
+def test_a_motor_faster_than_the_step_reaches_its_command_and_stays_there() -> None:
+    plant = drive(Plant(one_wheel(motor_lag_s=0.001), uniform(ROCK), PlantSettings()), 1.003, 2.0)
+    for _ in range(5):
+        plant.advance(1)
+        assert plant.wheels[OMEGA, 0] == pytest.approx(1.003, abs=1e-12)
+
+
+def test_what_resists_rolling_stops_a_light_body_that_spins_and_never_turns_it_back() -> None:
+    rover = dataclasses.replace(load_rover("husky"), yaw_inertia_kgm2=0.4, rolling_loss_n=40.0)
+    plant = Plant(rover, uniform(ROCK), PlantSettings())
+    plant.body[YAW_RATE] = 1e-3
+    plant.advance(1)
+    assert 0.0 <= plant.body[YAW_RATE] < 1e-3
+    drive(plant, 0.0, 0.5)
+    assert abs(plant.body[YAW_RATE]) < 1e-4
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 30.0, 45.0, 110.0])
+def test_weight_pulls_down_an_even_slope_whichever_way_a_rover_looks(heading_deg: float) -> None:
+    rover = dataclasses.replace(load_rover("husky"), rolling_loss_n=0.0)
+    rise = math.tan(math.radians(15.0))
+    plant = Plant(rover, even_slope(ROCK, rise, 0.0), PlantSettings())
+    plant.body[HEADING] = math.radians(heading_deg)
+    plant.advance(0)
+    pitch, roll = plant.body[[PITCH, ROLL]]
+    turn = Rotation.from_euler("ZYX", [math.radians(heading_deg), -pitch, roll])
+    assert turn.apply([0.0, 0.0, 1.0]) == pytest.approx(np.array([-rise, 0.0, 1.0]) / math.hypot(1.0, rise), abs=1e-3)
+    down = turn.inv().apply([0.0, 0.0, -rover.vertical_load_n])
+    plant.advance(1)  # from rest: springs are slack, so that what moves the body is its weight
+    seen = plant.body[[SPEED, SIDE_SPEED]] * rover.mass_kg / plant.settings.step_s
+    assert np.hypot(*seen) == pytest.approx(rover.vertical_load_n * math.sin(math.radians(15.0)), rel=1e-3)
+    assert plant.contact[LOAD].sum() == pytest.approx(-down[2], rel=1e-3)
+
+
+def test_wheels_turned_half_round_and_driven_backwards_drive_ahead() -> None:
+    ahead, round_about = (Plant(load_rover("curiosity"), uniform(SAND, 0.1), PlantSettings()) for _ in range(2))
+    round_about.steering[:] = math.pi
+    drive(ahead, 1.0, 5.0)
+    drive(round_about, -1.0, 5.0)
+    assert round_about.body[[X, SPEED]] == pytest.approx(ahead.body[[X, SPEED]], rel=1e-5)
+    assert round_about.contact[LOAD] == pytest.approx(ahead.contact[LOAD], rel=1e-5)
+
+
+def test_snag_and_drawbar_load_hold_back_forwards_and_are_slack_backwards() -> None:
+    free = drive(Plant(one_wheel(), uniform(SAND), PlantSettings()), -1.0, 6.0)
+    settings = PlantSettings(drawbar_load_n=60.0)
+    towing = drive(Plant(one_wheel(), uniform(SAND), settings, Snag(-0.5, 100.0, 60.0)), -1.0, 6.0)
+    assert towing.body[[X, SPEED]] == pytest.approx(free.body[[X, SPEED]])
 
 
 @pytest.mark.parametrize("slope_deg", [0.0, 6.0])

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from strap_rover.rover import load_rover
 from strap_rover.terramechanics.suspension import (
@@ -24,6 +25,15 @@ FOUR_WHEELS = dataclasses.replace(
         for index, share in ((0, 0.2), (2, 0.3), (3, 0.2), (5, 0.3))
     ),
 )
+ASKEW = dataclasses.replace(
+    CURIOSITY,
+    suspension_joints=(),
+    wheels=tuple(
+        dataclasses.replace(CURIOSITY.wheels[index], load_share=share)
+        for index, share in ((0, 0.3), (2, 0.4), (4, 0.3))
+    ),
+)
+"""Three wheels of which one has no counterpart: what lies forward on average lies to one side, too."""
 WEIGHT = CURIOSITY.vertical_load_n
 
 
@@ -46,7 +56,7 @@ def statics(rover, pitch, roll, pulls):
     x_p, h_p, h_b, h = x.mean(), rover.rocker_pivot_height_m, rover.bogie_pivot_height_m, rover.cg_height_m
     down = rover.vertical_load_n * math.cos(pitch) * math.cos(roll)
     back = rover.vertical_load_n * math.sin(pitch)
-    right = rover.vertical_load_n * math.sin(roll)
+    right = rover.vertical_load_n * math.sin(roll) * math.cos(pitch)
     # Unknowns: N1..N6; per side bogie pivot (B_z, B_x), rocker pivot (P_z, P_x); differential moment D; inertia force.
     rows, values = [], []
 
@@ -94,7 +104,7 @@ def test_level_ground_gives_every_wheel_its_share():
     assert loads_of(FOUR_WHEELS) == pytest.approx(WEIGHT * np.array([0.2, 0.3, 0.2, 0.3]))
 
 
-@pytest.mark.parametrize("rover", [CURIOSITY, FOUR_WHEELS], ids=["rocker-bogie", "planar"])
+@pytest.mark.parametrize("rover", [CURIOSITY, FOUR_WHEELS, ASKEW], ids=["rocker-bogie", "planar", "askew"])
 @pytest.mark.parametrize(("pitch", "roll"), [(0.1, 0.0), (-0.15, 0.05), (0.0, -0.2)])
 def test_loads_add_up_and_balance_the_weight_s_moments(rover, pitch, roll):
     x = np.array([wheel.x_m for wheel in rover.wheels])
@@ -103,7 +113,8 @@ def test_loads_add_up_and_balance_the_weight_s_moments(rover, pitch, roll):
     pulls = np.full(x.size, rover.vertical_load_n * math.sin(pitch) / x.size)  # driving steadily
     loads = loads_of(rover, pitch, roll, pulls)
     assert loads.sum() == pytest.approx(rover.vertical_load_n * math.cos(pitch) * math.cos(roll), rel=1e-6)
-    back, right = rover.vertical_load_n * math.sin(pitch), rover.vertical_load_n * math.sin(roll)
+    back = rover.vertical_load_n * math.sin(pitch)
+    right = rover.vertical_load_n * math.sin(roll) * math.cos(pitch)
     assert loads @ (x - share @ x) == pytest.approx(-back * rover.cg_height_m, abs=0.01)
     assert loads @ (y - share @ y) == pytest.approx(-right * rover.cg_height_m, abs=0.01)
 
@@ -124,15 +135,17 @@ def tilt(rover, bottoms):
     return body_tilt_kernel(geometry.sides, geometry.numbers, geometry.wheels, np.asarray(bottoms, float))
 
 
-@pytest.mark.parametrize("rover", [CURIOSITY, FOUR_WHEELS], ids=["rocker-bogie", "planar"])
+@pytest.mark.parametrize("rover", [CURIOSITY, FOUR_WHEELS, ASKEW], ids=["rocker-bogie", "planar", "askew"])
 def test_a_plane_tilts_the_body_as_the_plane(rover):
-    rise, lean = 0.1, -0.05
+    rise, lean = 0.2, -0.25
     bottoms = [rise * wheel.x_m + lean * wheel.y_m for wheel in rover.wheels]
-    pitch, roll = tilt(rover, bottoms)
-    assert math.tan(pitch) == pytest.approx(rise)
-    assert math.tan(roll) == pytest.approx(lean)
+    up = np.array([-rise, -lean, 1.0]) / math.hypot(rise, lean, 1.0)
+    ahead = np.array([1.0, 0.0, rise]) / math.hypot(1.0, rise)
+    heading, nose_down, roll = Rotation.from_matrix(np.column_stack((ahead, np.cross(up, ahead), up))).as_euler("ZYX")
+    assert heading == pytest.approx(0.0, abs=1e-12)
+    assert tilt(rover, bottoms) == pytest.approx((-nose_down, roll))
     if rover is CURIOSITY:
-        assert joint_angles(suspension_of(rover), np.array(bottoms), pitch) == pytest.approx([0.0] * 4, abs=1e-12)
+        assert joint_angles(suspension_of(rover), np.array(bottoms), -nose_down) == pytest.approx([0.0] * 4, abs=1e-12)
 
 
 def test_the_body_follows_the_mean_of_the_rockers():
