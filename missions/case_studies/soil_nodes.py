@@ -155,9 +155,11 @@ class Rut:
 
     def depth(self, x: FloatArray, wheel: Passing) -> FloatArray:
         """Depth of the surface below the undisturbed one [m] at `x` [m], with the wheel where it is."""
-        place = np.clip((x - wheel.x_m) / wheel.radius_m, wheel.rear, wheel.front)
-        rim = np.maximum(wheel.sinkage_m - wheel.radius_m * (1.0 - np.sqrt(1.0 - place**2)), 0.0)
+        place = (x - wheel.x_m) / wheel.radius_m
+        below_hub = wheel.radius_m * np.sqrt(np.maximum(1.0 - place**2, 0.0))
+        rim = np.where(np.abs(place) < 1.0, np.maximum(wheel.sinkage_m - wheel.radius_m + below_hub, 0.0), 0.0)
         rear = wheel.x_m + wheel.radius_m * wheel.rear
         front = wheel.x_m + wheel.radius_m * wheel.front
         behind = np.interp(x, self._exit_x, self._exit_depth, left=0.0) if self._exit_x else np.zeros(x.size)
-        return np.where(x > front, 0.0, np.where(x >= rear, rim, behind))
+        # A wheel that digs on the spot goes deeper than the rut it left: no soil is inside its rim.
+        return np.where(x > front, 0.0, np.where(x >= rear, rim, np.maximum(behind, rim)))

@@ -115,6 +115,18 @@ def test_the_surface_is_undisturbed_ahead_the_rim_below_and_a_rut_behind():
     np.testing.assert_allclose(at, [0.0, 0.0, WHEEL.sinkage_m, behind, behind, 0.0], atol=1e-9)
 
 
+def test_no_soil_is_inside_the_rim_of_a_wheel_that_digs_on_the_spot():
+    rut = Rut()
+    for sinkage in (0.03, 0.1, 0.25):
+        wheel = replace(WHEEL, sinkage_m=sinkage, theta_2=0.0)
+        rut.pass_over(wheel)
+    x = np.linspace(-0.5, 0.0, 501)
+    depth = rut.depth(x, wheel)
+    inside = np.abs(x) < 0.2
+    assert (depth[inside] >= 0.25 - 0.2 + np.sqrt(0.2**2 - x[inside] ** 2) - 1e-9).all()
+    assert not depth[x < -0.21].any()
+
+
 def test_what_makes_no_sense_is_refused():
     with pytest.raises(ValueError, match="theta_1 must lie ahead of theta_2"):
         replace(WHEEL, theta_1=-0.3)
