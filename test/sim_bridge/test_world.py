@@ -6,6 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sim_bridge import plant as p
 from sim_bridge.plant import PlantSettings
@@ -220,6 +221,31 @@ def test_the_imu_tells_slope_and_gravity(degrees):
     assert all(sum(q * q for q in report.attitude.orientation) == pytest.approx(1.0) for report in reports)
     standing = reports[-1].attitude.forward_acceleration
     assert standing == pytest.approx(3.711 * math.sin(world.plant.body[p.PITCH]), abs=1e-4)
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 50.0, -130.0])
+def test_odometry_and_imu_stand_in_the_world_as_rep_103_has_it(heading_deg):
+    world, _ = make_world(on_sand(ramp(-20.0, 0.1, math.radians(8.0))), sensors=QUIET)
+    world.plant.body[[p.X, p.HEADING]] = 5.0, math.radians(heading_deg)
+    report = world.advance(world.period_ns)
+    turn = Rotation.from_quat(report.attitude.orientation)
+    normal = np.array([-math.tan(math.radians(8.0)), 0.0, 1.0]) * math.cos(math.radians(8.0))
+    assert turn.apply([0.0, 0.0, 1.0]) == pytest.approx(normal, abs=2e-3)  # deeper wheels tilt it by that much
+    x, y, _ = turn.apply([1.0, 0.0, 0.0])
+    assert math.degrees(math.atan2(y, x)) == pytest.approx(heading_deg, abs=0.01)
+    assert math.degrees(report.body_motion.heading) == pytest.approx(heading_deg, abs=0.01)
+    gravity = turn.inv().apply([0.0, 0.0, 3.711])
+    assert report.attitude.forward_acceleration - world.plant.body[p.ACCELERATION] == pytest.approx(gravity[0])
+
+
+def test_backwards_the_true_entry_is_behind():
+    world, _ = make_world(sensors=QUIET)
+    ahead, back = (drive(world, 4.0, speed)[-1].ground_truth.per_wheel for speed in (1.0, -1.0))
+    for truth, sign in ((ahead, 1.0), (back, -1.0)):
+        entry, leave = sign * truth[:, 3], sign * truth[:, 4]
+        assert (entry > 0.0).all()
+        assert (leave < 0.0).all()
+        assert (entry > 1.5 * -leave).all()  # the wheel pushes itself into soil on the side it rolls to
 
 
 def test_the_imu_feels_the_start():

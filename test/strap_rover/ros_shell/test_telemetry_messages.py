@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -148,6 +149,20 @@ def test_body_motion_comes_back(stamp_ns, x, y, z, speed, speed_std):
         back = telemetry.body_motion(form)
         assert (back.stamp_ns, back.x, back.y, back.z, back.speed) == (stamp_ns, x, y, z, speed)
         assert back.speed_std == pytest.approx(speed_std, rel=1e-15, abs=1e-160)  # it travels as its square
+
+
+@given(st.floats(-3.1, 3.1), st.floats(-0.7, 0.7), st.floats(-0.7, 0.7))
+def test_heading_is_that_of_the_body_s_x_axis(heading, pitch, roll):
+    for form in forms(telemetry.body_motion_message(BodyMotion(0, 0.0, 0.0, 0.0, 0.0, 0.0, heading)), Odometry):
+        assert telemetry.body_motion(form).heading == pytest.approx(heading, abs=1e-9)
+    tilted = Odometry()
+    quaternion = tuple(map(float, Rotation.from_euler("ZYX", [heading, pitch, roll]).as_quat()))
+    q = tilted.pose.pose.orientation
+    q.x, q.y, q.z, q.w = quaternion
+    for form in (tilted, bytes(serialize_message(tilted))):
+        assert telemetry.body_motion(form).heading == pytest.approx(heading, abs=1e-9)
+    seen = telemetry.attitude(telemetry.attitude_message(Attitude(0, quaternion, 0.0)))
+    assert (seen.pitch, seen.roll) == pytest.approx((-pitch, roll), abs=1e-9)
 
 
 def test_odometry_stands_in_the_frames_of_rep_105():
