@@ -24,8 +24,8 @@ SLIPS = (0.05, 0.1, 0.2, 0.3, 0.4, SLIP_VALID)
 _STEP_M = 0.0005
 """Way per step: shorter than the slip's relaxation, so that a slow wheel costs no more than a fast one."""
 _SETTLED_M = 2.0
-_CARRIAGE_KG = 1e5
 """Way after which the rut is steady: many contact lengths."""
+_CARRIAGE_KG = 1e5
 _BED_M = 0.8
 _WATCHED_M = 0.2
 """The nodes are summed over the middle of their bed, in this way of the wheel."""
