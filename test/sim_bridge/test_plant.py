@@ -468,6 +468,70 @@ def test_what_resists_rolling_stops_a_light_body_that_spins_and_never_turns_it_b
     assert abs(plant.body[YAW_RATE]) < 1e-4
 
 
+def test_a_body_that_nothing_pushes_flies_straight_while_it_turns() -> None:
+    curiosity = load_rover("curiosity")
+    wheels = tuple(
+        dataclasses.replace(curiosity.wheels[i], load_share=share) for i, share in ((0, 0.3), (2, 0.4), (4, 0.3))
+    )
+    rover = dataclasses.replace(
+        curiosity, wheels=wheels, suspension_joints=(), vertical_load_n=0.01, rolling_loss_n=0.0
+    )
+    plant = Plant(rover, uniform(Ground(DING_2011.soil, 0.0)), PlantSettings(step_s=0.001))
+    centre = plant.suspension.numbers[:2]
+    assert np.abs(centre).min() > 0.1  # neither fore and aft nor sideways where the front axle's middle is
+    plant.body[[SPEED, SIDE_SPEED, YAW_RATE]] = 0.5, 0.2, 0.8
+    start = plant.body[[X, Y]] + centre
+    for seconds in range(1, 4):
+        plant.advance(1000)
+        heading = plant.body[HEADING]
+        turn = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
+        assert heading == pytest.approx(0.8 * seconds, rel=2e-3)
+        assert turn @ plant.body[[SPEED, SIDE_SPEED]] == pytest.approx([0.5, 0.2], abs=5e-3)
+        assert plant.body[[X, Y]] + turn @ centre - start == pytest.approx([0.5 * seconds, 0.2 * seconds], abs=0.02)
+        assert plant.body[ACCELERATION] == pytest.approx(0.0, abs=1e-3)  # no accelerometer feels a free flight
+
+
+def test_yaw_and_side_speed_follow_the_wheels_forces_and_their_arms() -> None:
+    rover = dataclasses.replace(load_rover("husky"), yaw_inertia_kgm2=5.0)
+    plant, dt = Plant(rover, uniform(ROCK), PlantSettings()), 0.005
+    left = np.array([wheel.y_m > 0.0 for wheel in rover.wheels])
+    arm_x, arm_y = np.array([[wheel.x_m, wheel.y_m] for wheel in rover.wheels]).T - plant.suspension.numbers[:2, None]
+    plant.commands[:] = np.where(left, 1.0, 3.0)
+    moments, pushes = [], []
+    for _ in range(600):
+        before = plant.body.copy()
+        plant.advance(1)
+        ahead = plant.contact[TRACTION] - plant.contact[RESISTANCE] - rover.rolling_loss_n
+        aside = plant.contact[SIDE_FORCE]
+        turning = rover.yaw_inertia_kgm2 * (plant.body[YAW_RATE] - before[YAW_RATE]) / dt
+        drifting = rover.mass_kg * (
+            (plant.body[SIDE_SPEED] - before[SIDE_SPEED]) / dt + before[SPEED] * before[YAW_RATE]
+        )
+        moments.append((turning, float(arm_x @ aside - arm_y @ ahead)))
+        pushes.append((drifting, float(aside.sum())))
+    assert plant.body[YAW_RATE] > 0.05
+    for seen in (np.array(moments)[200:], np.array(pushes)[200:]):
+        assert seen[:, 0] == pytest.approx(seen[:, 1], abs=0.5)  # N m and N; each wheel gives tens of them
+    assert np.abs(arm_x @ plant.contact[SIDE_FORCE]) > 10.0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_bank_under_the_wheels_of_one_side_pushes_the_rover_off_and_carries_less(side: float) -> None:
+    """All wheels stand equally high, so that the body is level: what is not level is the ground under three of them."""
+    rover, bank = load_rover("curiosity"), math.radians(10.0)
+    terrain = build_terrain([(y, [Stretch(-math.inf, ROCK)]) for y in (-1.1, 1.1)], level)
+    samples = terrain.samples.copy()
+    rows = terrain.y_start + terrain.y_spacing * np.arange(samples.shape[0])
+    samples[side * rows > 0.0, :, 2] = side * bank  # it rises outwards
+    plant = Plant(rover, dataclasses.replace(terrain, samples=samples), PlantSettings())
+    banked = np.array([side * wheel.y_m > 0.0 for wheel in rover.wheels])
+    each = rover.vertical_load_n / 6.0
+    assert plant.contact[LOAD] == pytest.approx(np.where(banked, each * math.cos(bank), each), rel=1e-3)
+    plant.advance(1)
+    push = rover.mass_kg * plant.body[SIDE_SPEED] / plant.settings.step_s
+    assert push == pytest.approx(-side * 3.0 * each * math.sin(bank), rel=1e-3)
+
+
 @pytest.mark.parametrize("heading_deg", [0.0, 30.0, 45.0, 110.0])
 def test_weight_pulls_down_an_even_slope_whichever_way_a_rover_looks(heading_deg: float) -> None:
     rover = dataclasses.replace(load_rover("husky"), rolling_loss_n=0.0)
@@ -551,6 +615,18 @@ def test_driving_backwards_is_driving_forwards_mirrored() -> None:
     assert back.contact[[TRACTION, RESISTANCE, TORQUE], 0] == pytest.approx(
         -ahead.contact[[TRACTION, RESISTANCE, TORQUE], 0], rel=1e-5
     )
+
+
+def test_a_locked_wheel_dragged_backwards_meets_the_soil_behind() -> None:
+    ends = {}
+    for speed in (0.4, -0.4):
+        plant = Plant(one_wheel(), uniform(SAND), PlantSettings())
+        for _ in range(400):
+            plant.body[SPEED] = speed
+            plant.advance(1)
+        ends[speed] = plant.contact[[THETA_1, THETA_2, TRACTION], 0]
+    assert ends[0.4][0] > -1.2 * ends[0.4][1]
+    assert ends[-0.4] == pytest.approx(-ends[0.4][[1, 0, 2]])
 
 
 def test_a_rover_stops_and_drives_back() -> None:

@@ -194,6 +194,15 @@ def test_without_noise_telemetry_is_the_truth():
     assert whole[4:].tolist() == [body[p.Y], body[p.HEADING], body[p.ROLL]]
 
 
+def test_truth_tells_how_wheels_of_a_turning_rover_are_pushed_sideways():
+    world, _ = make_world(sensors=QUIET)
+    truth = drive(world, 2.0, rates=np.repeat([0.3, 1.0], 3))[-1].ground_truth.per_wheel
+    side_force, slip_angle = truth[:, 9], truth[:, 10]
+    assert np.abs(side_force).max() > 10.0  # newtons
+    assert 0.01 < np.abs(slip_angle).max() < 1.0  # radians
+    np.testing.assert_array_equal(side_force, world.plant.contact[p.SIDE_FORCE])
+
+
 def test_all_records_of_a_report_carry_the_same_time():
     world, _ = make_world()
     for report in drive(world, 0.1):
@@ -234,6 +243,8 @@ def test_odometry_and_imu_stand_in_the_world_as_rep_103_has_it(heading_deg):
     x, y, _ = turn.apply([1.0, 0.0, 0.0])
     assert math.degrees(math.atan2(y, x)) == pytest.approx(heading_deg, abs=0.01)
     assert math.degrees(report.body_motion.heading) == pytest.approx(heading_deg, abs=0.01)
+    height = world.site.terrain.at(report.body_motion.x, report.body_motion.y)[ground_grid.HEIGHT]
+    assert report.body_motion.z == pytest.approx(height, abs=1e-6)
     gravity = turn.inv().apply([0.0, 0.0, 3.711])
     assert report.attitude.forward_acceleration - world.plant.body[p.ACCELERATION] == pytest.approx(gravity[0])
 
@@ -302,6 +313,9 @@ def test_noise_of_odometry_and_joints_has_the_size_it_is_given():
         assert abs(error.mean()) < 5 * sigma / math.sqrt(error.size)
         assert error.std() == pytest.approx(sigma, rel=5 / math.sqrt(2 * error.size))
     speed, x = errors[0.005], errors[0.001]
+    y = np.array([report.body_motion.y for report in reports]) - truth[p.Y]
+    assert y.std() == pytest.approx(0.001, rel=5 / math.sqrt(2 * count))
+    assert abs(np.corrcoef(x, y)[0, 1]) < 5 / math.sqrt(count)
     assert abs(np.corrcoef(speed, x)[0, 1]) < 5 / math.sqrt(count)  # independent of each other
     assert abs(np.corrcoef(speed[1:], speed[:-1])[0, 1]) < 5 / math.sqrt(count)  # and of the sample before
     assert all(report.body_motion.speed_std == 0.005 for report in reports)

@@ -62,6 +62,14 @@ def test_shear_saturates_at_the_soil_s_strength():
     assert side_force(WHEEL, stiff, 0.5, -0.1, 0.0, 0.3, 0.0).shear == pytest.approx(strength, rel=1e-3)
 
 
+@pytest.mark.parametrize("angle", [0.2, 0.9])
+def test_little_shear_grows_with_the_way_across(angle):
+    """Far from the strength tau is c j_y/K_y; of cohesion alone the integral is (theta_1 - theta_2)^2/2."""
+    clay = Soil(n=1.0, k_c=0.0, k_phi=1e6, cohesion=500.0, friction_angle=0.0, shear_deformation_modulus=1e4)
+    expected = 0.25 * 0.40 * 500.0 * 0.25 * (1.0 - 0.3) * math.tan(angle) * 0.5 * 0.6**2 / 1e4
+    assert side_force(WHEEL, clay, 0.5, -0.1, 0.3, angle, 0.0).shear == pytest.approx(expected, rel=1e-4)
+
+
 def test_a_spinning_wheel_is_not_sheared_sideways():
     """As printed: j_y vanishes at full slip. Measured wheels keep some side force there."""
     assert side_force(WHEEL, MARS_DRY_SAND, 0.5, -0.1, 1.0, 0.3, 5500.0).shear == 0.0

@@ -253,6 +253,25 @@ def test_delta_follows_the_radius_where_it_was_measured_with_a_known_wheel():
     assert SAND.digging_depth(Wheel(0.05, 0.16)) == 0.06
 
 
+@pytest.mark.parametrize(("slip", "angle"), [(0.3, 0.0), (0.3, 0.4), (0.9, 1.2), (1.0, 0.5)])
+def test_sideways_motion_digs_more_and_leaves_what_the_rim_carries_beside_the_track(slip, angle):
+    law, hub = MEASURED_LAW, 1.0 - slip
+    along, aside = hub * math.cos(angle), hub * math.sin(angle)
+    returned = (along + law.refill_reach) / (hub + law.refill_reach)
+    dug = SAND.digging_depth(WHEEL) * (1.0 - along + law.lateral_digging * aside)
+    filled = along + SAND.refill_ratio * returned + law.lateral_refill * aside
+    assert steady(slip, angle).excavated == pytest.approx(dug / filled)
+
+
+@pytest.mark.parametrize("slip", [0.1, 0.4, 0.8])
+def test_rim_and_grousers_dig_a_layer_each_that_refills_by_itself(slip):
+    law, height = MEASURED_LAW, 0.01
+    rim = SAND.digging_depth(WHEEL) * slip / (1.0 - slip + SAND.refill_ratio)
+    lugs = law.grouser_digging * height * slip / (1.0 - slip + law.grouser_refill)
+    assert law.grouser_refill < SAND.refill_ratio
+    assert steady(slip, grouser_height=height).excavated == pytest.approx(rim + lugs)
+
+
 def test_grousers_pull_more_dig_deeper_and_vanish_with_their_height():
     slip = np.array([0.05, 0.2, 0.5, 0.8])
     smooth, lugged = steady(slip), steady(slip, grouser_height=0.01)
