@@ -181,7 +181,7 @@ def _control(results: Results) -> Figure:
     axes[0, 0].set_ylim(0.0, 130.0)
     axes[1, 0].set_ylabel("b) commanded wheel speed [rad/s]")
     axes[1, 0].set_ylim(0.0, 2.6)
-    axes[1, 0].legend(frameon=False, ncols=3, fontsize=8, loc="center left")
+    axes[1, 1].legend(frameon=False, ncols=3, fontsize=8, loc="lower right")
     for axis in axes.flat:
         _plain(axis)
     return figure
