@@ -26,7 +26,7 @@ demo: $(VENV)/.core  ## run the whole graph on the simulated six-wheel rover; ba
 	$(BIN)/strap_rover demo
 
 test: $(VENV)/.test  ## the whole test suite
-	$(BIN)/python -m pytest test
+	$(BIN)/python -m pytest -n 2 --dist loadgroup test
 
 check: $(VENV)/.test  ## format, lint, types, import rules, spelling
 	$(BIN)/ruff format --check .

@@ -58,7 +58,7 @@ setup(
     ],
     extras_require={
         "ros": ["ros-rclpy[fastrtps]==7.1.6", "ros-jazzy-rclpy", "ros-jazzy-common-interfaces"],
-        "test": ["pytest", "hypothesis", "rosbags", "mcap-ros2-support"],
+        "test": ["pytest", "pytest-xdist", "hypothesis", "rosbags", "mcap-ros2-support"],
         "report": ["plotly>=6"],  # before, its JavaScript read no packed numbers
         "granular": ["lammps", "mpi4py"],
         "campaign": ["dask[distributed]", "pyarrow"],

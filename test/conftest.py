@@ -4,6 +4,7 @@ import itertools
 import os
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -12,12 +13,39 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+TESTS = Path(__file__).parent
+LIVE = ("node", "live", "port", "link", "uno", "process", "driven_graph", "trials", "soak", "mars_snag", "messages")
+"""Parts of the names of files, among those of `APART`, whose tests use ROS, ports, processes or wall time."""
+APART = (
+    "golden",
+    "sim_bridge",
+    "soil_flow_estimator",
+    "strap_rover/terramechanics",
+    "strap_sensor_driver",
+    "traction_controller",
+    "missions/case_studies",
+    "missions/test_core_run.py",
+    "missions/test_dashboard.py",
+    "missions/test_plan.py",
+    "missions/test_summary.py",
+)
+"""What only computes: with `pytest -n 2 --dist loadgroup` it runs beside the rest, which stays in one process."""
+
 _DOMAINS = 100  # 1 .. 100 are free of the system's own ports on Linux
 _domains = itertools.count(os.getpid() * 7)
 
 
 def pytest_addoption(parser):
     parser.addoption("--write-golden", action="store_true", help="write the golden CSVs anew instead of comparing")
+
+
+def pytest_collection_modifyitems(items):
+    """Files that only compute may run on any worker, each whole; all that is live runs on one, in order."""
+    for item in items:
+        path = item.path.relative_to(TESTS)
+        computes = any(path.is_relative_to(part) for part in APART)
+        is_live = not computes or any(word in path.stem for word in LIVE)
+        item.add_marker(pytest.mark.xdist_group("live" if is_live else path.as_posix()))
 
 
 @pytest.fixture
