@@ -14,7 +14,7 @@ from sim_bridge import plant as p
 from sim_bridge.plant import Plant, PlantSettings
 from sim_bridge.scenarios import StandCase, stand_scenario
 from strap_rover.rover import RoverDescription
-from strap_rover.terramechanics.spiral_flow import SLIP_VALID, bulb_depth, critical_flow_ratio, mass_flow
+from strap_rover.terramechanics.spiral_flow import SLIP_VALID, bulb_depth, critical_flow_ratio, flow_centre, mass_flow
 
 DENSITY = 1500.0
 """rho [kg/m^3] of loose sand."""
@@ -74,7 +74,7 @@ def run_held_slip(rover: RoverDescription, held: HeldSlip) -> HeldFlow:
     # Nothing of the plant changes any more: only the place does.
     theta_1, theta_2 = float(plant.contact[p.THETA_1, 0]), float(plant.contact[p.THETA_2, 0])
     sinkage = float(plant.contact[p.SINKAGE, 0])
-    centre = flow_centre(held.slip)
+    centre = float(flow_centre(held.slip))
     entering, leaving = [], []
     step_m = 0.004
     middle = x + 0.7 + 0.5 * _BED_M
@@ -104,12 +104,6 @@ def run_held_slip(rover: RoverDescription, held: HeldSlip) -> HeldFlow:
         nodes_leaving=float(np.mean(leaving)),
         largest_travel_mm=1e3 * float(nodes.travel.max()),
     )
-
-
-def flow_centre(slip: float) -> float:
-    """x_c [radii]: where the flow law turns from the lobe ahead to the one behind (Eq. 6)."""
-    s = min(max(slip, 0.0), SLIP_VALID)
-    return (7.4 * s - 1.7) * s + 0.14
 
 
 def _held_plant(rover: RoverDescription, held: HeldSlip) -> Plant:

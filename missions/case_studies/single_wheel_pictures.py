@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from missions.case_studies.baselines import BASELINES
-from missions.case_studies.flow_sweep import SPEEDS_MPS, HeldFlow, flow_centre
+from missions.case_studies.flow_sweep import SPEEDS_MPS, HeldFlow
 from missions.case_studies.single_wheel_contact import SLIPS, SplitCurve, StaticZones
 from missions.case_studies.single_wheel_runs import SANDS
 from missions.case_studies.single_wheel_stages import BED_BEHIND_M, BED_M, Playback, Stage
 from missions.case_studies.soil_nodes import MassFlow
-from strap_rover.terramechanics.spiral_flow import SLIP_VALID, bulb_depth, flow_velocity
+from strap_rover.terramechanics.spiral_flow import SLIP_VALID, bulb_depth, flow_centre, flow_velocity
 
 SINKAGE_STATED_MM = (30.0, 40.0)
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#8c5aa8", "#7a7a7a", "#a83232")
@@ -170,7 +170,7 @@ def draw_control_volume(stage: Stage, deformability: float, flow: MassFlow, path
     floor = -(wheel.sinkage_m + bulb)
     marks = (
         ("x_ent", wheel.front, _COLOURS[2], "left"),
-        ("x_c", flow_centre(wheel.slip), "#333333", "left"),
+        ("x_c", float(flow_centre(wheel.slip)), "#333333", "left"),
         ("x_out", wheel.rear, _COLOURS[1], "right"),
     )
     for name, value, colour, side in marks:

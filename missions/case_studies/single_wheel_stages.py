@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from missions.case_studies.flow_sweep import DENSITY, flow_centre
+from missions.case_studies.flow_sweep import DENSITY
 from missions.case_studies.single_wheel_runs import stand_rover
 from missions.case_studies.soil_nodes import BED_DEPTH, MassFlow, Passing, Rut, SoilNodes
 from strap_rover.arrays import FloatArray
-from strap_rover.terramechanics.spiral_flow import bulb_depth
+from strap_rover.terramechanics.spiral_flow import bulb_depth, flow_centre
 
 _LEAST_ZONE_RAD = 1e-3
 BED_M = 1.0
@@ -71,7 +71,7 @@ def play_back(trace: Mapping[str, Sequence[float]], deformability: float, times_
         nodes.advance(wheel, deformability, float(now - time_s[index - 1]) if index else 0.0)
         rut.pass_over(wheel)
         inside = wheel.x_m + wheel.front * wheel.radius_m < BED_M - BED_BEHIND_M
-        flow = nodes.lobe_flow(wheel, deformability, flow_centre(wheel.slip), rover.wheels[0].width_m, DENSITY)
+        flow = nodes.lobe_flow(wheel, deformability, float(flow_centre(wheel.slip)), rover.wheels[0].width_m, DENSITY)
         flows.append(flow if inside else MassFlow(0.0, 0.0))
         if wanted and now >= wanted[0] - 1e-9:
             wanted.pop(0)

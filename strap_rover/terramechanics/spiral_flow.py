@@ -49,6 +49,11 @@ def _shape(slip: npt.ArrayLike) -> _Shape:
     )
 
 
+def flow_centre(slip: npt.ArrayLike) -> FloatArray:
+    """x_c [radii]: where the flow turns from the lobe ahead to the one behind (Eq. 6); slip clamped to [0, 0.45]."""
+    return _shape(slip).x_c
+
+
 def is_extrapolated(slip: npt.ArrayLike) -> BoolArray:
     """True where slip lies outside [0, 0.45], the range the coefficients were fitted on."""
     s = np.asarray(slip, dtype=np.float64)

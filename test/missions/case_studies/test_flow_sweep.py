@@ -3,12 +3,12 @@ from dataclasses import replace
 
 import pytest
 
-from missions.case_studies.flow_sweep import SLIPS, SPEEDS_MPS, HeldSlip, flow_centre, run_held_slip
+from missions.case_studies.flow_sweep import SLIPS, SPEEDS_MPS, HeldSlip, run_held_slip
 from sim_bridge.scenarios import REFERENCE_STAND, StandCase, stand_ground
 from strap_rover.rover import load_rover
 from strap_rover.terramechanics.contact import Wheel
 from strap_rover.terramechanics.slip_sinkage import DiggableSoil, steady_wheel
-from strap_rover.terramechanics.spiral_flow import flow_velocity
+from strap_rover.terramechanics.spiral_flow import flow_centre, flow_velocity
 
 ROVER = load_rover("single_wheel")
 HELD = HeldSlip(REFERENCE_STAND, 0.1, 0.2, 0.44)
