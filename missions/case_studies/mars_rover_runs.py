@@ -3,14 +3,13 @@
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from missions.case_studies.baselines import baseline_plan
+from missions.case_studies.graph_comparison import compare_with_graph
 from missions.core_run import run_cores
 from missions.plan import RunPlan
 from missions.run_log import RunLog
@@ -238,22 +237,16 @@ def trace_of(log: RunLog) -> Trace:
 
 def compare_lockstep(part: LockstepPart) -> dict[str, Any]:
     """Run a part both ways; how many numbers were compared, and the series in which any differ."""
-    from missions.lockstep import run_lockstep  # noqa: PLC0415 - ROS is slow, and only this needs it
-    from missions.run_log import run_log_from_bag  # noqa: PLC0415
-
     plan = plan_of(part.drive)
-    with TemporaryDirectory() as folder:
-        cycles = run_lockstep(plan, Path(folder) / "bag")
-        through_nodes = run_log_from_bag(Path(folder) / "bag", plan.rover.wheel_names)
-    through_cores = run_cores(plan)
-    numbers, differing = 0, []
-    for name, series in through_nodes.series.items():
-        other = through_cores.series[name]
-        pairs = [(getattr(series, item), getattr(other, item)) for item in ("stamp_ns", "per_wheel", "whole_rover")]
-        numbers += sum(int(one.size) for one, _ in pairs)
-        if not all(np.array_equal(one, two, equal_nan=one.dtype.kind == "f") for one, two in pairs):
-            differing.append(name)
-    return {"cycles": cycles, "numbers": numbers, "differing": differing, "drive": asdict(part.drive)["controller"]}
+    compared = compare_with_graph(plan)
+    if compared is None:
+        raise RuntimeError("the part through the graph ended before its time, though nobody stopped it")
+    return {
+        "cycles": plan.cycles,
+        "numbers": compared.values,
+        "differing": list(compared.differing_series),
+        "drive": part.drive.controller,
+    }
 
 
 def _useful_work(plan: RunPlan, log: RunLog) -> float:

@@ -4,9 +4,8 @@ Figures 2 to 5, 7, 9 and 12 to 14 as numbers and pictures beside what the paper 
 sand of two kinds; and one run through the ROS graph, number for number equal to the run without it.
 """
 
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from rich.markup import escape
 
 from missions.case_studies.baselines import BASELINES, SOIL_FLOW
 from missions.case_studies.flow_sweep import SPEEDS_MPS, HeldFlow
+from missions.case_studies.graph_comparison import GraphComparison, compare_with_graph
 from missions.case_studies.plain_table import PlainTable
 from missions.case_studies.run_ledger import RUNS_FILE, LedgerForm, run_jobs
 from missions.case_studies.single_wheel_claims import (
@@ -58,9 +58,6 @@ from missions.case_studies.single_wheel_runs import (
 )
 from missions.case_studies.single_wheel_stages import play_back
 from missions.case_studies.study_result import Chart, Curve, StudyFigure, StudyResult
-from missions.core_run import run_cores
-from missions.plan import RunPlan
-from missions.run_log import RunLog
 from missions.stop_request import never
 
 MEMBERS, SHORT_MEMBERS = 20, 1
@@ -68,21 +65,6 @@ STAGES_S = (0.6, 2.0, 3.5, 5.0)
 UNCONTROLLED_STAGES_S = (0.6, 1.6, 3.0, 6.0)
 LOCKSTEP_S = 2.5
 TITLE = "Case study 1: one wheel on a test stand, 70 N on soil S11"
-
-
-@dataclass(frozen=True, slots=True)
-class GraphComparison:
-    """The run through the nodes beside the same run without them."""
-
-    seconds: float
-    values: int
-    """Numbers compared, stamps included."""
-    differing: int
-
-    @property
-    def is_equal(self) -> bool:
-        """Whether every number is the same number."""
-        return self.differing == 0 and self.values > 0
 
 
 def run_study(
@@ -104,7 +86,8 @@ def run_study(
     if len(runs) < len(jobs) or stopped():
         return False
     with console.status("one run through the ROS graph"):
-        compared = compare_with_graph(drive_plan(_first_drive(jobs)), stopped)
+        plan = drive_plan(_first_drive(jobs))
+        compared = compare_with_graph(replace(plan, duration_s=min(plan.duration_s, LOCKSTEP_S)), stopped)
     if compared is None:
         return False
     with console.status("soil nodes, pictures"):
@@ -126,35 +109,6 @@ def _first_drive(jobs: Mapping[str, Job]) -> Drive:
     if not isinstance(job, Drive):
         raise TypeError(f"a member's run must be a drive, got {job!r}")
     return job
-
-
-def compare_with_graph(plan: RunPlan, stopped: Callable[[], bool] = never) -> GraphComparison | None:
-    """The first seconds of a plan through the real nodes and without ROS; None when `stopped()` before its end."""
-    from missions.lockstep import run_lockstep  # noqa: PLC0415 - ROS is slow
-    from missions.run_log import run_log_from_bag  # noqa: PLC0415
-
-    plan = replace(plan, duration_s=min(plan.duration_s, LOCKSTEP_S))
-    with tempfile.TemporaryDirectory(prefix="strap_rover-") as scratch:
-        bag = Path(scratch) / "bag"
-        if run_lockstep(plan, bag, None, stopped) < plan.cycles:
-            return None
-        through_nodes = run_log_from_bag(bag, plan.rover.wheel_names)
-    values, differing = compare_logs(through_nodes, run_cores(plan))
-    return GraphComparison(plan.duration_s, values, differing)
-
-
-def compare_logs(one: RunLog, other: RunLog) -> tuple[int, int]:
-    """How many numbers two logs of a run hold, and how many are not the same number; another shape counts whole."""
-    values = differing = 0
-    for name in sorted({*one.series, *other.series}):
-        for part in ("stamp_ns", "per_wheel", "whole_rover"):
-            pair = [getattr(log.series[name], part) if name in log.series else np.empty(0) for log in (one, other)]
-            values += max(array.size for array in pair)
-            if pair[0].shape == pair[1].shape:
-                differing += int((~((pair[0] == pair[1]) | ((pair[0] != pair[0]) & (pair[1] != pair[1])))).sum())
-            else:
-                differing += max(array.size for array in pair)
-    return values, differing
 
 
 def findings(runs: Mapping[str, Any]) -> Findings:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from missions.case_studies import mars_rover_runs, run_ledger
+from missions.case_studies import graph_comparison, mars_rover_runs, run_ledger
 from missions.case_studies.baselines import BASELINES, SOIL_FLOW
 from missions.case_studies.mars_rover import (
     AS_PRINTED,
@@ -201,7 +201,7 @@ def test_a_part_through_the_ros_graph_equals_the_part_without(monkeypatch):
     def another(plan):
         return run_cores(replace(plan, world=replace(plan.world, seed=plan.seed + 1)))
 
-    monkeypatch.setattr(mars_rover_runs, "run_cores", another)
+    monkeypatch.setattr(graph_comparison, "run_cores", another)
     assert "strap/voltages" in compare_lockstep(part)["differing"]
 
 
