@@ -49,7 +49,8 @@ class CoreGraph:
             soil = self._estimator.tick(now_ns)
             if soil is not None:
                 self._controller.feed_soil_state(soil)
-                self._log.add(topics.SOIL_STATE, soil.stamp_ns, wheel_matrix(topics.SOIL_STATE, soil), _NO_VALUES)
+                row = topics.SOIL_STATE
+                self._log.add(row, soil.stamp_ns, wheel_matrix(row, soil), rover_vector(row, soil))
         output = self._controller.tick(now_ns)
         self.world.feed_wheel_commands(output.commands)
         self._log.add(topics.TRACTION_COMMANDS, now_ns, output.commands.speed[:, None].copy(), _NO_VALUES)

@@ -5,7 +5,7 @@ from sensor_msgs.msg import JointState
 
 from soil_flow_estimator.soil_state import SoilState
 from strap_rover.ros_shell.named_values import NamedValues
-from strap_rover.topics import SOIL_STATE, wheel_matrix
+from strap_rover.topics import SOIL_STATE, rover_vector, wheel_matrix
 
 
 class SoilMessages:
@@ -16,11 +16,22 @@ class SoilMessages:
 
     def soil_state_message(self, state: SoilState) -> bytes:
         """The message of a record, serialized."""
-        return self._values.to_message(state.stamp_ns, wheel_matrix(SOIL_STATE, state))
+        return self._values.to_message(state.stamp_ns, wheel_matrix(SOIL_STATE, state), rover_vector(SOIL_STATE, state))
 
     def soil_state(self, message: bytes | JointState) -> SoilState:
         """The record in a message; MessageError where names or lengths differ from the contract."""
-        stamp_ns, per_wheel, _ = self._values.from_message(message)
+        stamp_ns, per_wheel, whole_rover = self._values.from_message(message)
         columns = list(per_wheel.T)
         status = columns.pop().astype(np.int64)
-        return SoilState(stamp_ns, *columns, status=status)  # type: ignore[misc]  # as many as the contract has
+        margin, std, score, score_return, disturbance, verdict = (float(value) for value in whole_rover)
+        return SoilState(
+            stamp_ns,
+            *columns,  # type: ignore[misc]  # as many as the contract has
+            status=status,
+            scout_margin=margin,
+            scout_margin_std=std,
+            scout_z=score,
+            scout_z_return=score_return,
+            scout_disturbance=disturbance,
+            scout_verdict=int(verdict),
+        )

@@ -19,6 +19,25 @@ class SoilStatus(IntEnum):
     """As STATIC_ESTIMATE, but the zone lies beyond what the de family can explain under this load."""
     HELD = 4
     """The wheel has rolled on since de was estimated: its std grows with the way."""
+    FILTERED = 5
+    """de, and st where torque is told, follow the rolling wheel."""
+
+
+class ForecastVerdict(IntEnum):
+    """What the halting forecast says of the way ahead."""
+
+    NONE = 0
+    """Not enough is known yet to say anything."""
+    CLEAR = 1
+    """The soil that the front wheels stand in carries the whole rover on."""
+    CAUTION = 2
+    """It may not: the margin is spent, though not beyond its uncertainty."""
+    STOP = 3
+    """It does not: the rover will halt once all wheels stand in it."""
+    SLIPPING = 4
+    """The wheels slip away already, whatever the soil."""
+    SNAG = 5
+    """Something holds the rover back that was not there a moment ago: the margin says nothing for a while."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,3 +65,15 @@ class SoilState:
     """Slip at which vc falls to one, at most 0.45; 0.45 where there is none."""
     status: IntArray
     """SoilStatus per wheel."""
+    scout_margin: float = 0.0
+    """What the rover can pull beyond what it needs [N], once all wheels stand in what the front ones stand in."""
+    scout_margin_std: float = 0.0
+    """1-sigma of the margin [N]; 0 while nothing is known."""
+    scout_z: float = 0.0
+    """Halting score -margin/std: above 0 the margin is spent, above 1 beyond its uncertainty. No probability."""
+    scout_z_return: float = 0.0
+    """The same for the way back out: above 0 the rover could not return over what it now stands in."""
+    scout_disturbance: float = 0.0
+    """What holds the rover back besides soil and slope [N], as far as the pull of the wheels tells."""
+    scout_verdict: int = int(ForecastVerdict.NONE)
+    """ForecastVerdict."""

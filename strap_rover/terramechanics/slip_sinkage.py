@@ -384,30 +384,25 @@ def _side_face_kernel(radius: float, theta_1: float, theta_2: float) -> float:
 
 
 @compiled
-def dug_wheel_kernel(
+def seen_wheel_kernel(
     radius: float,
     width: float,
     grouser_height: float,
     soil: FloatArray,
     law: FloatArray,
-    pressed: float,
-    excavated: float,
+    theta_1: float,
+    theta_2: float,
+    share: float,
     standing: float,
     om: float,
     vx: float,
     vy: float,
-) -> tuple[float, float, float, float, float, float, float]:
-    """(theta_1, theta_2, F_t, R_c, F_y, F_z, T) of a wheel that stands `pressed` + `excavated` deep.
+) -> tuple[float, float, float, float, float]:
+    """(F_t, R_c, F_y, F_z, T) of a wheel in contact from theta_1 to theta_2 <= 0, wherever these come from.
 
-    `soil` and `law` are the rows of DiggableSoil and ContactLaw, (om, v_x, v_y) the normalised motion, v_y >= 0.
-    theta_2 <= 0. F_y >= 0 is the size of the force against v_y, the side face included; the friction and drag of that
-    face are in F_t, its friction in T.
+    `share` in (0, 1] of its depth is pressed and carries, the rest was dug; all else as `dug_wheel_kernel`.
     """
-    depth = pressed + excavated
-    share = pressed / depth if depth > 0.0 else 1.0
-    cos_1 = 1.0 - min(depth / radius, DEEPEST_CONTACT)
-    theta_1 = math.acos(cos_1)
-    theta_2 = -min(rear_ratio_kernel(depth / radius, standing, law) * theta_1, STEEPEST_EXIT)
+    cos_1 = math.cos(theta_1)
     hub = math.sqrt(vx * vx + vy * vy)
     fastest = max(om, hub, 1e-12)
     om = max(om, LOCKED_RIM * fastest)
@@ -429,14 +424,42 @@ def dug_wheel_kernel(
     rubbing = law[10] * soil[3] * side * (om - vx) / fastest
     drag = law[11] * side * vx / fastest
     return (
-        theta_1,
-        theta_2,
         area * traction + rubbing - drag,
         area * resistance,
         area * lateral + side,
         area * vertical,
         area * shear_radius * torque + radius * rubbing,
     )
+
+
+@compiled
+def dug_wheel_kernel(
+    radius: float,
+    width: float,
+    grouser_height: float,
+    soil: FloatArray,
+    law: FloatArray,
+    pressed: float,
+    excavated: float,
+    standing: float,
+    om: float,
+    vx: float,
+    vy: float,
+) -> tuple[float, float, float, float, float, float, float]:
+    """(theta_1, theta_2, F_t, R_c, F_y, F_z, T) of a wheel that stands `pressed` + `excavated` deep.
+
+    `soil` and `law` are the rows of DiggableSoil and ContactLaw, (om, v_x, v_y) the normalised motion, v_y >= 0.
+    theta_2 <= 0. F_y >= 0 is the size of the force against v_y, the side face included; the friction and drag of that
+    face are in F_t, its friction in T.
+    """
+    depth = pressed + excavated
+    share = pressed / depth if depth > 0.0 else 1.0
+    theta_1 = math.acos(1.0 - min(depth / radius, DEEPEST_CONTACT))
+    theta_2 = -min(rear_ratio_kernel(depth / radius, standing, law) * theta_1, STEEPEST_EXIT)
+    traction, resistance, lateral, vertical, torque = seen_wheel_kernel(
+        radius, width, grouser_height, soil, law, theta_1, theta_2, share, standing, om, vx, vy
+    )
+    return theta_1, theta_2, traction, resistance, lateral, vertical, torque
 
 
 @compiled

@@ -7,27 +7,33 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from soil_flow_estimator.messages import SoilMessages
-from soil_flow_estimator.soil_state import SoilState, SoilStatus
+from soil_flow_estimator.soil_state import ForecastVerdict, SoilState, SoilStatus
 from strap_rover.ros_shell.named_values import MessageError
 from strap_rover.topics import SOIL_STATE
 
 pytestmark = pytest.mark.ros
-FLOATS = [field for field in SoilState.__slots__ if field not in {"stamp_ns", "status"}]
+SCORES = [quantity.name for quantity in SOIL_STATE.whole_rover]
+FLOATS = [field for field in SoilState.__slots__ if field not in {"stamp_ns", "status", *SCORES}]
 
 
 @given(
     st.integers(0, 2**31 * 10**9 - 1),
     hnp.arrays(np.float64, (len(FLOATS), 2), elements=st.floats(allow_nan=True)),
     hnp.arrays(np.int64, 2, elements=st.sampled_from([int(status) for status in SoilStatus])),
+    st.lists(st.floats(allow_nan=False), min_size=len(SCORES) - 1, max_size=len(SCORES) - 1),
+    st.sampled_from([int(verdict) for verdict in ForecastVerdict]),
 )
-def test_a_soil_state_comes_back_bit_for_bit(stamp_ns, values, status):
-    sent = SoilState(stamp_ns, *values, status=status)
+def test_a_soil_state_comes_back_bit_for_bit(stamp_ns, values, status, scores, verdict):
+    named = dict(zip(SCORES, [*scores, verdict], strict=True))
+    sent = SoilState(stamp_ns, *values, status=status, **named)
     messages = SoilMessages(("l", "r"))
     back = messages.soil_state(messages.soil_state_message(sent))
     assert back.stamp_ns == stamp_ns
     for name in (*FLOATS, "status"):
         assert getattr(back, name).tobytes() == getattr(sent, name).tobytes(), name
         assert getattr(back, name).dtype == getattr(sent, name).dtype
+    assert {name: getattr(back, name) for name in SCORES} == named
+    assert type(back.scout_verdict) is int
 
 
 def test_every_quantity_of_the_contract_is_a_field_and_stands_under_its_name():

@@ -452,7 +452,7 @@ def same_soil(one, other):
     if one is None or other is None:
         return one is other
     names = [name for name in SoilState.__slots__ if name != "stamp_ns"]
-    return all(getattr(one, name).tobytes() == getattr(other, name).tobytes() for name in names)
+    return all(np.asarray(getattr(one, name)).tobytes() == np.asarray(getattr(other, name)).tobytes() for name in names)
 
 
 ROWS = [
