@@ -6,9 +6,11 @@ from dataclasses import asdict
 from rclpy.context import Context
 from std_srvs.srv import Trigger
 
+from soil_flow_estimator.forecast_words import forecast_verdict, forecast_words, is_warning
 from soil_flow_estimator.messages import SoilMessages
 from soil_flow_estimator.parameters import SoilEstimatorParameters
 from soil_flow_estimator.soil_estimator import SoilEstimator
+from soil_flow_estimator.soil_state import SoilState
 from strap_rover import topics
 from strap_rover.ros_shell import telemetry_messages as telemetry
 from strap_rover.ros_shell.health import Health, HealthLevel
@@ -40,6 +42,7 @@ class SoilFlowEstimator(NodeShell[SoilEstimatorParameters]):
         rover = load_rover(self.settings.rover)
         self._core = core = SoilEstimator(rover, self.settings)
         self._messages = SoilMessages(rover.wheel_names)
+        self._last_state: SoilState | None = None
         wheels = telemetry.JointTelemetry(topics.WHEEL_STATES.name, rover.wheel_names)
         joints = telemetry.JointTelemetry(topics.SUSPENSION.name, rover.suspension_joints)
         straps = StrapMessages(rover.wheel_names)
@@ -55,12 +58,12 @@ class SoilFlowEstimator(NodeShell[SoilEstimatorParameters]):
 
     def tick(self) -> None:
         """Publish the estimate of now, once there is one."""
-        state = self._core.tick(self.now_ns())
+        state = self._last_state = self._core.tick(self.now_ns())
         if state is not None:
             self._soil_state.send(self._messages.soil_state_message(state))
 
     def health(self) -> Sequence[Health]:
-        """One part: is there an estimate, and what is wrong with the inputs."""
+        """Is there an estimate, and what is wrong with the inputs; and what lies ahead."""
         health = self._core.health()
         counts = asdict(health)
         del counts["complaints"]
@@ -68,7 +71,23 @@ class SoilFlowEstimator(NodeShell[SoilEstimatorParameters]):
         if not health.is_answering:
             level = HealthLevel.ERROR if health.answered_ticks else HealthLevel.WARN
         told = ["estimating" if health.is_answering else "no estimate", "; ".join(health.complaints)]
-        return [Health("soil", level, ": ".join(filter(None, told)), counts)]
+        return [Health("soil", level, ": ".join(filter(None, told)), counts), *self._forecast_health()]
+
+    def _forecast_health(self) -> list[Health]:
+        """The halting forecast of now; nothing while there is no estimate, of which the other part tells."""
+        state = self._last_state
+        if state is None:
+            return []
+        numbers = {
+            "verdict": forecast_verdict(state).name,
+            "margin_n": round(state.scout_margin, 1),
+            "margin_std_n": round(state.scout_margin_std, 1),
+            "z": round(state.scout_z, 3),
+            "z_return": round(state.scout_z_return, 3),
+            "disturbance_n": round(state.scout_disturbance, 1),
+        }
+        level = HealthLevel.WARN if is_warning(state) else HealthLevel.OK
+        return [Health("forecast", level, forecast_words(state), numbers)]
 
     def settings_changed(self) -> None:
         """Estimate by them from now on."""
@@ -76,6 +95,7 @@ class SoilFlowEstimator(NodeShell[SoilEstimatorParameters]):
 
     def _reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._core.reset()
+        self._last_state = None
         response.success, response.message = True, "soil forgotten: stand still for a moment to estimate it anew"
         return response
 

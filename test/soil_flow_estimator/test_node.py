@@ -16,7 +16,7 @@ from soil_flow_estimator.messages import SoilMessages
 from soil_flow_estimator.node import SoilFlowEstimator
 from soil_flow_estimator.parameters import SoilEstimatorParameters
 from soil_flow_estimator.soil_estimator import SoilEstimator
-from soil_flow_estimator.soil_state import SoilStatus
+from soil_flow_estimator.soil_state import ForecastVerdict, SoilStatus
 from strap_rover import topics
 from strap_rover.ros_shell import telemetry_messages as telemetry
 from strap_rover.ros_shell.health import HealthLevel
@@ -304,3 +304,24 @@ def test_the_reset_service_forgets_the_soil(ros_context, wait_until):
     asymmetric = {"theta_1": 0.5, "theta_2": -0.1}  # no contact of a standing wheel: de stays as it is
     wait_until(lambda: all_are(SoilStatus.PRIOR), lambda: feed_and_spin(**asymmetric))
     executor.shutdown()
+
+
+def test_health_tells_the_forecast_of_the_last_estimate_in_words(bench, monkeypatch):
+    assert "soil_flow_estimator: forecast" not in bench.diagnostics()  # nothing is estimated yet
+    tick = SoilEstimator.tick
+    short = {"scout_margin": -120.0, "scout_margin_std": 80.0, "scout_z": 1.5}
+
+    def with_forecast(core, now_ns):
+        state = tick(core, now_ns)
+        return None if state is None else replace(state, scout_verdict=int(ForecastVerdict.STOP), **short)
+
+    monkeypatch.setattr(SoilEstimator, "tick", with_forecast)
+    bench.feed(messages(inputs(20 * MS)))
+    bench.tick(20 * MS)
+    status = bench.diagnostics()["soil_flow_estimator: forecast"]
+    assert status.level == bytes([HealthLevel.WARN])
+    assert "would halt once all its wheels are in it (short of 120 N +- 80 N); stop and back out" in status.message
+    values = {item.key: item.value for item in status.values}
+    assert (values["verdict"], values["z"]) == ("STOP", "1.5")
+    bench.tick(300 * MS)  # the inputs are old: nobody knows what lies ahead
+    assert "soil_flow_estimator: forecast" not in bench.diagnostics()
