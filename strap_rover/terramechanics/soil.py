@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from strap_rover.arrays import FloatArray
+from strap_rover.terramechanics.compiled import compiled
 
 DEFAULT_SHEAR_DEFORMATION_MODULUS = 0.0114
 """K of Table I [m]."""
@@ -153,6 +154,20 @@ def soil_from_de_st(
         friction_angle=_plain(np.pi * (37.0 * stick + 13.0) / 180.0),
         shear_deformation_modulus=shear_deformation_modulus,
     )
+
+
+@compiled
+def soil_row_kernel(de: float, st: float, width: float, row: FloatArray) -> None:
+    """(k_c/b + k_phi, n, c, tan phi, K, 0) of the soil (de, st) into `row`, as the kernels of `slip_sinkage` take it.
+
+    No checks: `soil_from_de_st` is the public door.
+    """
+    row[0] = (-220.0 * de**0.2 + 220.06) * 1e3 / width + (-3000.0 * de**0.05 + 3040.0) * 1e3
+    row[1] = 1.1 * de + 0.6
+    row[2] = 3200.0 * st
+    row[3] = math.tan(math.pi * (37.0 * st + 13.0) / 180.0)
+    row[4] = DEFAULT_SHEAR_DEFORMATION_MODULUS
+    row[5] = 0.0
 
 
 def _plain(value: FloatArray | np.float64) -> float | FloatArray:
