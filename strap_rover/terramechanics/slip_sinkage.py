@@ -23,6 +23,10 @@ z_s is the depth at which the vertical force carries the load. A refill ratio ka
 rim has carried round falls back into the rut: without it the depth at slip s, delta s/(1 - s + kappa), has no bound.
 A wheel that moves sideways leaves that soil beside its track: chi = (v_x + e om)/(V + e om).
 
+Three further laws of the literature are off in the measured one, and there for plants that differ from it: shear that
+falls off to a residual after its peak, n that grows with slip, and a layer that is carried away the more the more the
+wheel slips (`ContactLaw.residual_shear`, `exponent_growth`, `digging_exponent`).
+
 Grousers of height h grip forward with (1 + g h/r) tau, and carry away a layer eta h of which only a share kappa_g falls
 back. They may shear at r_s = r + lambda_s h (Ding et al., J. Terramechanics 48, 2011; lambda_s from 0 to 1), which the
 tests at hand do not ask for: it would drive a wheel at no slip. Slip stays that of the rim. Known for h up to 0.1 r.
@@ -50,6 +54,8 @@ DEEPEST_PRESSED = 1.2
 """Depth over radius to which a load presses the wheel at most."""
 DEEPEST_EXCAVATED = 1.2
 """Depth over radius to which a wheel digs at most: its hub is under ground."""
+LEAST_EXPONENT = 0.05
+"""Least n of a soil whose n changes with slip."""
 SHORTEST_CONTACT = 0.05
 """Least L_c over radius: a wheel that barely touches has no time constant of its own."""
 
@@ -112,6 +118,15 @@ class ContactLaw:
     full_refill: float = 3.0
     """kappa from which on soil rises behind the wheel by all of rho_inf, > 0; below it by as much less. What stands
     behind a wheel is soil that flowed back. Assumed: tests were had on sands of about this kappa alone."""
+    residual_shear: float = 1.0
+    """K_r in (0, 1]: shear long after its peak over shear at the peak, of soil with a hump (Wong, Terramechanics):
+    |tau| = (c + sigma tan phi_w) K_r [1 + (1/(K_r (1 - 1/e)) - 1) e^(1 - j/K)] (1 - e^(-j/K)), at j = K the strength.
+    1: no hump, the law above."""
+    exponent_growth: float = 0.0
+    """n_1: n + n_1 s_c in place of n (Ding et al.: n_0 + n_1 s), kept to 0.05 at least. Above zero a slipping wheel
+    finds softer soil, by (depth in m)^(n_1 s_c)."""
+    digging_exponent: float = 0.0
+    """p >= 0: delta (2 (s_c + 0.05))^p in place of delta: more digging than in proportion to slip above 0.45."""
 
     def __post_init__(self) -> None:
         for name in ("peak_slip", "rear_depth", "full_refill", "lateral_shear", "refill_reach"):
@@ -126,11 +141,14 @@ class ContactLaw:
             "grouser_grip",
             "grouser_digging",
             "grouser_refill",
+            "digging_exponent",
         ):
             self._require(name, math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0, ">= 0")
         for name in ("peak_offset", "rear_ratio", "grouser_share"):
             self._require(name, 0.0 <= getattr(self, name) <= 1.0, "in [0, 1]")
         self._require("peak_limit", 0.0 < self.peak_limit < 1.0, "in (0, 1)")
+        self._require("residual_shear", 0.0 < self.residual_shear <= 1.0, "in (0, 1]")
+        self._require("exponent_growth", -1.0 <= self.exponent_growth <= 1.0, "in [-1, 1]")
 
     def _require(self, name: str, holds: bool, bounds: str) -> None:
         if not holds:
@@ -260,7 +278,7 @@ def _stress_panel_kernel(
     end: float,
     clustering: int,
     is_front: bool,
-    soil: tuple[float, float, float, float, float],
+    soil: tuple[float, float, float, float, float, float, float],
     geometry: tuple[float, float, float, float, float, float],
     motion: tuple[float, float, float, float],
 ) -> tuple[float, float, float, float, float]:
@@ -272,7 +290,7 @@ def _stress_panel_kernel(
     traction = resistance = lateral = vertical = torque = 0.0
     if length <= 0.0:
         return traction, resistance, lateral, vertical, torque
-    modulus, n, cohesion, tan_friction, shear_modulus = soil
+    modulus, n, cohesion, tan_friction, shear_modulus, residual, hump = soil
     theta_1, theta_2, theta_m, cos_1, sin_1, pressed_radius = geometry
     per_arc, per_travel, per_side, grip = motion
     for i in range(_NODES if clustering != 0 else _BRAKING_NODES):
@@ -298,11 +316,13 @@ def _stress_panel_kernel(
         aside = per_side * (sin_1 - sin_theta)
         strength = cohesion + sigma * tan_friction
         if aside == 0.0:
-            tau = strength * (1.0 - math.exp(-abs(along) / shear_modulus))
+            fresh = math.exp(-abs(along) / shear_modulus)
+            tau = strength * ((1.0 - fresh) * (residual + hump * fresh))
             tau *= grip if along > 0.0 else -1.0
         else:
             j = math.sqrt(along * along + aside * aside)
-            per_length = strength * (1.0 - math.exp(-j / shear_modulus)) / j
+            fresh = math.exp(-j / shear_modulus)
+            per_length = strength * ((1.0 - fresh) * (residual + hump * fresh)) / j
             tau = per_length * along * (grip if along > 0.0 else 1.0)
             lateral += per_length * aside * weight
         traction += tau * cos_theta * weight
@@ -337,7 +357,7 @@ def _shear_reversal_kernel(upper: float, lower: float, theta_1: float, per_arc: 
 
 @compiled
 def _contact_kernel(
-    soil: tuple[float, float, float, float, float],
+    soil: tuple[float, float, float, float, float, float, float],
     geometry: tuple[float, float, float, float, float, float],
     motion: tuple[float, float, float, float],
 ) -> tuple[float, float, float, float, float]:
@@ -409,7 +429,10 @@ def seen_wheel_kernel(
     slipping = math.sqrt((om - vx) ** 2 + vy * vy) / fastest
     peak = min(law[0] + law[1] * (1.0 - math.exp(-slipping / law[2])), law[3])
     theta_m = (1.0 - standing) * peak * theta_1
-    ground = (soil[0], soil[1], soil[2], soil[3], soil[4])
+    residual = law[18]
+    hump = math.e * (1.0 / (1.0 - 1.0 / math.e) - residual) if residual < 1.0 else 0.0
+    n = max(soil[1] + law[19] * slipping, LEAST_EXPONENT)
+    ground = (soil[0], n, soil[2], soil[3], soil[4], residual, hump)
     geometry = (theta_1, theta_2, theta_m, cos_1, math.sin(theta_1), radius * share)
     shear_radius = radius + law[13] * grouser_height
     grip = 1.0 + law[14] * grouser_height / radius
@@ -533,7 +556,8 @@ def _is_first_kernel(root: float, case: _Case) -> bool:
     below 1.38 r driving and 0.39 r braking); otherwise it must rise from station to station up to the root.
     """
     radius, cohesion, excavated, motion = case[1], case[4][2], case[6], case[8]
-    if cohesion == 0.0 and root + excavated < radius * (1.0 if motion[1] <= motion[0] else 0.3):
+    has_hump = case[5][18] < 1.0
+    if cohesion == 0.0 and not has_hump and root + excavated < radius * (1.0 if motion[1] <= motion[0] else 0.3):
         return True
     station, before = 0.02 * root, -math.inf
     for _ in range(8):
@@ -610,11 +634,14 @@ def _exchange_kernel(
 
     Two layers are dug, the rim's and the grousers', each with its own refill; z_e of both falls back at one rate.
     """
+    hub = math.sqrt(vx * vx + vy * vy)
+    if law[20] > 0.0:
+        slipping = math.sqrt((rim_speed - vx) ** 2 + vy * vy) / max(rim_speed, hub, 1e-12)
+        delta *= (2.0 * (slipping + 0.05)) ** law[20]
     carried = delta * (abs(rim_speed - vx) + law[7] * vy)
     lugs = law[15] * grouser_height * max(rim_speed - vx, 0.0)  # a braked wheel's grousers dig no deeper than its rim
     along = abs(vx)
     reach = law[12] * rim_speed
-    hub = math.sqrt(vx * vx + vy * vy)
     returning = rim_speed * (along + reach) / (hub + reach) if hub + reach > 0.0 else 0.0
     passing = along + law[8] * vy
     filling = passing + kappa * returning

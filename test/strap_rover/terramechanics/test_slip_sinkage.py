@@ -41,6 +41,8 @@ LOAM = DiggableSoil(
 )
 SHEARED = replace(MEASURED_LAW, grouser_share=0.4)
 """With a shearing radius, which the measured law does not use."""
+HUMPED = replace(MEASURED_LAW, residual_shear=0.7)
+GROWING = replace(MEASURED_LAW, exponent_growth=0.2)
 LAW = MEASURED_LAW.row()
 QUADRATURE = 3e-6
 """Of the largest force: what 8 nodes per panel (16 when braking) leave."""
@@ -58,6 +60,14 @@ MOTIONS = [
     (LOCKED_RIM, 1.0, 0.0),
     (LOCKED_RIM, math.cos(1.2), math.sin(1.2)),
 ]
+
+
+def mobilised(travel: float, residual: float) -> float:
+    """Wong's curve with a hump as it is printed, or the plain exponential."""
+    if residual == 1.0:
+        return 1.0 - math.exp(-travel)
+    hump = 1.0 / (residual * (1.0 - 1.0 / math.e)) - 1.0
+    return residual * (1.0 + hump * math.exp(1.0 - travel)) * (1.0 - math.exp(-travel))
 
 
 def by_quadrature(
@@ -88,12 +98,12 @@ def by_quadrature(
         if theta < theta_m:
             a = theta_1 - (theta - theta_2) / (theta_m - theta_2) * (theta_1 - theta_m)
         h = max(r * (math.cos(a) - math.cos(theta_1)), 0.0) * pressed / z
-        sigma = soil.modulus(b) * h**soil.n
+        sigma = soil.modulus(b) * h ** (soil.n + law.exponent_growth * s_c)
         along = shear_radius * (theta_1 - theta) - r * vx / om * (math.sin(theta_1) - math.sin(theta))
         along -= standing * r * ((theta_1 - theta) - (math.sin(theta_1) - math.sin(theta)))  # not rolled through yet
         aside = law.lateral_shear * r * vy / om * (math.sin(theta_1) - math.sin(theta))
         j = math.hypot(along, aside)
-        tau = (soil.cohesion + sigma * tan_phi) * (1.0 - math.exp(-j / soil.shear_deformation_modulus))
+        tau = (soil.cohesion + sigma * tan_phi) * mobilised(j / soil.shear_deformation_modulus, law.residual_shear)
         grip = 1.0 + law.grouser_grip * grouser_height / r if along > 0.0 else 1.0
         return sigma, grip * tau * along / j if j else 0.0, tau * aside / j if j else 0.0
 
@@ -150,6 +160,76 @@ def test_the_kernel_integrates_the_law_as_it_is_written(ground, motion):
         names = ("traction", "resistance", "lateral", "vertical")
         assert got[2:6] == pytest.approx([wanted[name] for name in names], abs=QUADRATURE * largest)
         assert got[6] == pytest.approx(wanted["torque"], abs=QUADRATURE * largest * WHEEL.radius)
+
+
+@pytest.mark.parametrize("law", [HUMPED, GROWING], ids=["humped", "growing"])
+@pytest.mark.parametrize("motion", [MOTIONS[0], MOTIONS[2], MOTIONS[5], MOTIONS[7]])
+def test_laws_that_differ_from_the_measured_one_are_integrated_as_written(law, motion):
+    for pressed, excavated, standing in ((0.012, 0.0, 0.0), (0.01, 0.05, 0.3)):
+        wanted = by_quadrature(WHEEL, LOAM, law, pressed, excavated, standing, motion)
+        got = kernel(LOAM, pressed, excavated, standing, motion, law=law.row())
+        names = ("traction", "resistance", "lateral", "vertical")
+        largest = max(abs(wanted[name]) for name in names)
+        assert got[2:6] == pytest.approx([wanted[name] for name in names], abs=10.0 * QUADRATURE * largest)
+        assert got[6] == pytest.approx(wanted["torque"], abs=10.0 * QUADRATURE * largest * WHEEL.radius)
+
+
+def test_shear_with_a_hump_is_the_strength_at_its_modulus_and_falls_to_the_residual():
+    # Nearly all shear of a spinning wheel that stands deep is far beyond K, of one that barely slips close to it.
+    fragile = replace(LOAM.soil, shear_deformation_modulus=1e-5)
+    ground = DiggableSoil(fragile, LOAM.excavation_depth, LOAM.refill_ratio, LOAM.unit_weight)
+    spinning = (1.0, 0.0, 0.0)
+    plain = kernel(ground, 0.03, 0.0, 0.0, spinning)[6]
+    assert kernel(ground, 0.03, 0.0, 0.0, spinning, law=HUMPED.row())[6] == pytest.approx(0.7 * plain, rel=0.01)
+    stiff = replace(LOAM.soil, shear_deformation_modulus=10.0)
+    ground = DiggableSoil(stiff, LOAM.excavation_depth, LOAM.refill_ratio, LOAM.unit_weight)
+    # Far below K the curve rises e/(1 - 1/e) - K_r (e - 1) times as steeply.
+    rise = math.e / (1.0 - 1.0 / math.e) - 0.7 * (math.e - 1.0)
+    plain = kernel(ground, 0.03, 0.0, 0.0, spinning)[6]
+    assert kernel(ground, 0.03, 0.0, 0.0, spinning, law=HUMPED.row())[6] == pytest.approx(rise * plain, rel=0.02)
+
+
+def test_an_exponent_that_grows_with_slip_is_that_of_a_softer_soil():
+    slip = 0.4
+    soil = replace(LOAM.soil, n=LOAM.soil.n + 0.2 * slip)
+    softer = DiggableSoil(soil, LOAM.excavation_depth, LOAM.refill_ratio, LOAM.unit_weight)
+    got, wanted = steady(slip, ground=LOAM, law=GROWING), steady(slip, ground=softer)
+    assert got.sinkage == pytest.approx(wanted.sinkage, rel=1e-6)
+    assert got.drawbar_pull == pytest.approx(wanted.drawbar_pull, rel=1e-6)
+    assert got.sinkage > 1.05 * steady(slip, ground=LOAM).sinkage
+    least = replace(MEASURED_LAW, exponent_growth=-1.0)
+    flat = DiggableSoil(replace(LOAM.soil, n=0.05), LOAM.excavation_depth, LOAM.refill_ratio, LOAM.unit_weight)
+    assert steady(0.9, ground=LOAM, law=least).sinkage == pytest.approx(steady(0.9, ground=flat).sinkage, rel=1e-6)
+
+
+@pytest.mark.parametrize(("slip", "angle"), [(0.1, 0.0), (0.7, 0.0), (0.3, 0.4)])
+def test_a_digging_exponent_scales_the_layer_that_is_carried_away(slip, angle):
+    law = replace(MEASURED_LAW, digging_exponent=0.5)
+    hub = 1.0 - slip
+    s_c = math.hypot(1.0 - hub * math.cos(angle), hub * math.sin(angle))
+    factor = (2.0 * (s_c + 0.05)) ** 0.5
+    wanted = steady(slip, angle, ground=LOAM).excavated * factor
+    assert steady(slip, angle, ground=LOAM, law=law).excavated == pytest.approx(wanted, rel=1e-12)
+    rate = excavation_rate_kernel(WHEEL.radius, 0.6, -0.2, 0.0, 0.2, 0.2 * hub, 0.0, 0.03, 1.0, LAW)
+    more = excavation_rate_kernel(WHEEL.radius, 0.6, -0.2, 0.0, 0.2, 0.2 * hub, 0.0, 0.03, 1.0, law.row())
+    assert more == pytest.approx(rate * (2.0 * (slip + 0.05)) ** 0.5, rel=1e-12)
+
+
+@pytest.mark.parametrize("law", [HUMPED, GROWING], ids=["humped", "growing"])
+@pytest.mark.parametrize("motion", MOTIONS[:7])
+def test_of_a_law_with_a_hump_or_growing_exponent_too_the_first_depth_is_found(law, motion):
+    for ground in (SAND, LOAM, BENT):
+        depths = np.geomspace(1e-4, 1.2, 600) * WHEEL.radius
+        carried = np.array([kernel(ground, depth, 0.0, 0.0, motion, law=law.row())[5] for depth in depths])
+        for load in (20.0, 80.0):
+            if carried.max() < load:
+                continue
+            first = int(np.argmax(carried >= load))
+            row = law.row()
+            found = pressed_depth_kernel(
+                load, 0.15, WHEEL.radius, WHEEL.width, 0.0, ground.row(WHEEL), row, 0.0, 0.0, *motion
+            )
+            assert depths[max(first - 1, 0)] * (1.0 - 1e-9) <= found <= depths[first] * (1.0 + 1e-9)
 
 
 def steady(slip, angle=0.0, ground=SAND, load=80.0, wheel=WHEEL, grouser_height=0.0, law=MEASURED_LAW):
@@ -442,5 +522,11 @@ def test_bad_input_is_named():
         ContactLaw(rear_ratio=1.5)
     with pytest.raises(ValueError, match="peak_limit"):
         ContactLaw(peak_limit=1.0)
+    with pytest.raises(ValueError, match="residual_shear"):
+        ContactLaw(residual_shear=0.0)
+    with pytest.raises(ValueError, match="exponent_growth"):
+        ContactLaw(exponent_growth=math.inf)
+    with pytest.raises(ValueError, match="digging_exponent"):
+        ContactLaw(digging_exponent=-0.1)
     with pytest.raises(ValueError, match="bulldozing_factor"):
         ContactLaw(bulldozing_factor=math.nan)
