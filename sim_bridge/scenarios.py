@@ -95,19 +95,18 @@ def random_snag_case(rng: np.random.Generator) -> SnagCase:
     )
 
 
-def snag_site(case: SnagCase) -> Site:
-    """Firm Mars sand, then soft sand and a slope from 23 m on, and a snag at 28 m: met by position, not by time."""
+def snag_site(case: SnagCase, soft_from_m: float = SNAG_SOFT_FROM_M) -> Site:
+    """Firm Mars sand, then soft sand and a slope, and a snag 5 m into it: met by position, not by time."""
     soft = Ground(soil_from_de_st(case.de, case.st), case.excavation_depth_m, refill_ratio=case.refill_ratio)
     firm = replace(FIRM_SAND, refill_ratio=case.refill_ratio)
-    stretches = (Stretch(-math.inf, firm), Stretch(SNAG_SOFT_FROM_M, soft))
-    slope = ramp(SNAG_SOFT_FROM_M, SNAG_RAMP_M, math.radians(case.slope_deg))
+    stretches = (Stretch(-math.inf, firm), Stretch(soft_from_m, soft))
+    slope = ramp(soft_from_m, SNAG_RAMP_M, math.radians(case.slope_deg))
+    snag = Snag(soft_from_m + SNAG_X_M - SNAG_SOFT_FROM_M, case.snag_n, case.snag_s)
     facts = {name: float(getattr(case, name)) for name in SnagCase.__slots__}
-    return Site(
-        build_terrain([(0.0, stretches)], slope), Snag(SNAG_X_M, case.snag_n, case.snag_s), MappingProxyType(facts)
-    )
+    return Site(build_terrain([(0.0, stretches)], slope), snag, MappingProxyType(facts))
 
 
-def snag_scenario(case: SnagCase, name: str = "mars_snag") -> Scenario:
+def snag_scenario(case: SnagCase, name: str = "mars_snag", soft_from_m: float = SNAG_SOFT_FROM_M) -> Scenario:
     """The `mars_snag` situation with the numbers of `case`."""
     return Scenario(
         name=name,
@@ -116,7 +115,7 @@ def snag_scenario(case: SnagCase, name: str = "mars_snag") -> Scenario:
         speed_mps=0.5,
         duration_s=120.0,
         plant=PlantSettings(),
-        build=lambda _rover, _rng: snag_site(case),
+        build=lambda _rover, _rng: snag_site(case, soft_from_m),
     )
 
 

@@ -25,6 +25,9 @@ class Verdict(Enum):
     NOT_REPRODUCED = "not reproduced"
     NO_NUMBER = "no number stated"
     """The source shows a picture only; ours stands for itself."""
+    MET = "met"
+    """A goal of our own."""
+    NOT_MET = "not met"
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +90,14 @@ class StudyResult:
     tables: tuple[PlainTable, ...]
     figures: tuple[StudyFigure, ...] = ()
     charts: tuple[Chart, ...] = ()
+    source: str = "paper"
+    """What states the claims, in a word."""
 
     def claims_table(self) -> PlainTable:
         """The claims, to look at."""
         rows = tuple((c.figure, c.quantity, c.stated, c.measured, c.verdict.value, c.note) for c in self.claims)
-        return PlainTable("beside the paper", ("figure", "quantity", "paper", "measured here", "verdict", "note"), rows)
+        headings = ("figure", "quantity", self.source, "measured here", "verdict", "note")
+        return PlainTable(f"beside the {self.source}", headings, rows)
 
     def write(self, folder: Path) -> Path:
         """Write `summary.json` into a folder; its path."""
@@ -145,4 +151,5 @@ def _from_mapping(content: Mapping[str, Any]) -> StudyResult:
             )
             for item in content["charts"]
         ),
+        source=str(content.get("source", "paper")),
     )

@@ -42,6 +42,8 @@ VERDICT_KINDS: Mapping[str, Kind] = {
     Verdict.NOT_PHYSICAL.value: "warn",
     Verdict.NOT_REPRODUCED.value: "bad",
     Verdict.NO_NUMBER.value: "note",
+    Verdict.MET.value: "good",
+    Verdict.NOT_MET.value: "bad",
 }
 OTHER_RESULTS = ("live_endurance.json", "live_faults.json")
 """What studies call their numbers that do not call them `summary.json`."""
@@ -79,7 +81,7 @@ def _result_page(folder: Path, result: StudyResult) -> Page:
     if result.claims:
         claims = replace(result.claims_table(), title="Claim by claim")
         table = DataTable(claims, VERDICT_KINDS, numeric=False)
-        sections.append(Section("Beside the paper", [table]))
+        sections.append(Section(f"Beside the {result.source}", [table]))
     if result.assumptions:
         sections.append(Section("Changed or assumed", [Bullets(result.assumptions)]))
     if result.charts:
