@@ -51,7 +51,7 @@ def _verdict_words(state: SoilState) -> str:
                 "ease off and wait, or go round"
             )
         case ForecastVerdict.NONE:
-            return "no forecast yet: it comes once the rover rolls and motor torque is told"
+            return "no forecast yet: it takes a rolling rover and motor torque"
 
 
 def _margin(state: SoilState) -> str:
