@@ -39,6 +39,7 @@ from sim_bridge.plant import (
     Plant,
     PlantSettings,
     Snag,
+    SoilFactors,
     X,
     Y,
 )
@@ -237,6 +238,35 @@ def test_steady_driving_is_the_steady_wheel(load: float, slope_deg: float, rolli
     assert plant.contact[TRACTION, 0] - plant.contact[RESISTANCE, 0] == pytest.approx(drag, abs=1e-2)
     assert plant.contact[LOAD, 0] == pytest.approx(on_soil)
     assert plant.body[PITCH] == pytest.approx(slope)
+
+
+def test_soil_factors_are_a_stiffer_soil_and_a_thicker_layer_under_their_wheel() -> None:
+    settings = PlantSettings(drawbar_load_n=60.0)
+    soil = dataclasses.replace(SAND.soil, k_c=1.3 * float(SAND.soil.k_c), k_phi=1.3 * float(SAND.soil.k_phi))
+    other = dataclasses.replace(SAND, soil=soil, excavation_depth=0.7 * SAND.excavation_depth)
+    wanted = drive(Plant(one_wheel(), uniform(other), settings), 1.0, 20.0)
+    factors = SoilFactors((1.3,), (0.7,))
+    got = drive(Plant(one_wheel(), uniform(SAND), settings, soil_factors=factors), 1.0, 20.0)
+    assert got.contact == pytest.approx(wanted.contact, rel=1e-9)
+    assert got.body == pytest.approx(wanted.body, rel=1e-9)
+
+
+def test_soil_factors_are_each_wheels_own() -> None:
+    rover = load_rover("curiosity")
+    stiffness = (1.0, 0.8, 0.6, 1.0, 0.8, 0.6)
+    plant = Plant(rover, uniform(SAND), PlantSettings(), soil_factors=SoilFactors(stiffness, (1.0,) * 6))
+    drive(plant, 1.0, 5.0)
+    even = drive(Plant(rover, uniform(SAND), PlantSettings()), 1.0, 5.0)
+    deeper = plant.contact[SINKAGE] / even.contact[SINKAGE]
+    assert deeper[:3] == pytest.approx(deeper[3:], rel=1e-6)
+    assert 0.9 < deeper[0] < 1.1 < deeper[1] < deeper[2]
+
+
+def test_bad_soil_factors_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"excavation of soil factors .* got 0.0"):
+        SoilFactors((1.0,), (0.0,))
+    with pytest.raises(ValueError, match=r"soil factors for 2 and 2 wheels on a rover with 1"):
+        Plant(one_wheel(), uniform(SAND), PlantSettings(), soil_factors=SoilFactors((1.0, 1.0), (1.0, 1.0)))
 
 
 @pytest.mark.parametrize("slip", [-1.0, -0.6, -0.2, 0.0, 0.3, 0.7])
