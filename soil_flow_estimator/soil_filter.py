@@ -16,7 +16,8 @@ by `slip_relaxation_m` of travel; the depth z_e that slip has dug obeys
 
     dz_e/dt = [delta (r omega - v) - (v + kappa r omega) z_e]/L_c,   L_c = r (sin theta_1 + sin|theta_2|)
 
-with delta and kappa assumed, and 40 % of z_e + 1 mm as its 1-sigma.
+with delta/(1 + kappa) assumed and 40 % of z_e + 1 mm as its 1-sigma. kappa, whether sand flows back into the hole that
+a wheel digs, shows in the exit angle: sand that does not stands no higher behind the wheel than its lowest point.
 
 Soil changes along the way: de and st wander by `de_drift` and `st_drift` per root metre, and jump where two residuals
 running are a surprise. A wheel that comes to where another wheel of its side has been is told what that one found, at
@@ -41,6 +42,11 @@ PRIOR_STD = 1.0 / math.sqrt(12.0)
 """Mean and 1-sigma of de and st before anything is known: uniform on [0, 1]."""
 SURPRISE = 12.0
 """Normalised innovation squared beyond which a residual is a surprise (two degrees of freedom: once in 400)."""
+REFILL_PRIOR, REFILL_PRIOR_M = 1.0, 0.01
+"""kappa before anything is seen of it, and how much that counts: as much way [m] over which the soil would rise to
+theta_1 behind the wheel."""
+REFILL_M = 1.0
+"""Rim travel over which kappa is remembered [m]."""
 MEAN_M = 0.2
 """Way of the rim over which the running means of the angles follow [m]."""
 LEAST_RIM_SPEED = 0.01
@@ -62,7 +68,7 @@ PASS_DE_STD, PASS_ST_STD = 0.25, 0.08
 DE_SCALE = 0.2
 """de at which it drifts by `de_drift` per root metre: softer soil varies more, as its root."""
 JUMP_DE_STD, JUMP_ST_STD = 0.3, 0.1
-"""How far soil may have jumped after SURPRISES_MOST surprises running: 1-sigma of de, relative (and 0.01), and of st."""
+"""How far soil may have jumped after SURPRISES_MOST surprises running: 1-sigma of de, relative (and .01), and of st."""
 SURPRISES_MOST = 2
 ATTEMPTS = 4
 """Most linearisations of one update."""
@@ -72,9 +78,8 @@ CALM_STEP = (0.5, 1.0, 0.02, 0.2)
 """Largest change of one update: down and up as share of de, plus; and of st."""
 
 # Columns of the state, one row per wheel.
-DE, ST, P_DD, P_DS, P_DB, P_SS, P_SB, P_BB, SLIP, DUG, STANDING, SURPRISES, PULL, RESISTANCE, MEAN_1, MEAN_2, MEANS = (
-    range(17)
-)
+DE, ST, P_DD, P_DS, P_DB, P_SS, P_SB, P_BB, SLIP, DUG, STANDING, SURPRISES, PULL, RESISTANCE = range(14)
+MEAN_1, MEAN_2, MEANS, REFILL, REAR_SUM, REAR_WEIGHT = range(14, 20)
 # Columns of a reading, one row per wheel.
 THETA_1, THETA_2, VAR_1, VAR_2, SLIP_SEEN, SLIP_STD, TORQUE, LOAD, RIM_SPEED, HAS_ANGLES = range(10)
 # Columns of a cell of the map.
@@ -93,10 +98,8 @@ class FilterNoise:
     de_drift_per_sqrt_m: float = 0.16
     st_drift_per_sqrt_m: float = 0.3
     slip_relaxation_m: float = 0.2
-    excavation_depth_m: float = 0.05
-    """delta."""
-    refill_ratio: float = 1.0
-    """kappa."""
+    excavation_depth_m: float = 0.025
+    """delta/(1 + kappa): z_e = this times s at little slip."""
     dug_std_ratio: float = 0.4
     shares_soil: bool = True
     """Whether wheels are told what others found where they now are."""
@@ -112,7 +115,6 @@ class FilterNoise:
                 self.st_drift_per_sqrt_m,
                 self.slip_relaxation_m,
                 self.excavation_depth_m,
-                self.refill_ratio,
                 self.dug_std_ratio,
                 float(uses_torque),
                 float(self.shares_soil),
@@ -121,7 +123,7 @@ class FilterNoise:
 
 
 class SoilFilter:
-    """The soil under all wheels. `state`, shape (W, 17), has the columns DE .. MEANS of this module.
+    """The soil under all wheels. `state`, shape (W, 20), has the columns DE .. REAR_WEIGHT of this module.
 
     Feed readings of equal or longer spacing than the sensors' noise is correlated over (0.1 s).
     """
@@ -133,7 +135,7 @@ class SoilFilter:
         self._track: IntArray = np.array([rows.index(wheel.y_m) for wheel in wheels], dtype=np.int64)
         self._law = MEASURED_LAW.row()
         self._cells = np.zeros((len(rows), CELLS, 7))
-        self.state: FloatArray = np.zeros((len(wheels), 17))
+        self.state: FloatArray = np.zeros((len(wheels), 20))
         self.forget(0.1)
 
     def forget(self, load_std_ratio: float) -> None:
@@ -143,6 +145,7 @@ class SoilFilter:
         self.state[:, P_DD] = self.state[:, P_SS] = PRIOR_STD**2
         self.state[:, P_BB] = load_std_ratio**2
         self.state[:, STANDING] = 1.0
+        self.state[:, REFILL] = REFILL_PRIOR
         self._cells[:, :, CELL_PLACE] = -1.0
         self._way = 1e6 * CELL_M  # far from zero: cells are numbered by it, forwards and backwards
         self.updates = 0
@@ -188,7 +191,7 @@ class SoilFilter:
         """One reading of all wheels, mirrored so that the rover drives forward.
 
         Args:
-            readings: columns THETA_1 .. HAS_ANGLES, shape (W, 10); angles [rad], torque [N m], load [N], rim speed [m/s].
+            readings: columns THETA_1 .. HAS_ANGLES, shape (W, 10), in rad, N m, N and m/s.
             speed: of the body, >= 0 [m/s].
             advance_m: way of the body over ground since the last reading, backwards negative [m].
             step_s: time since the last reading [s].
@@ -271,6 +274,22 @@ def _opinion_kernel(state: FloatArray, cell: FloatArray, way: float) -> None:
 
 
 @compiled
+def _refill_kernel(state: FloatArray, seen: FloatArray, depth_over_radius: float, way: float, law: FloatArray) -> None:
+    """Kappa by least squares over the last REFILL_M of rim: the soil behind a wheel is what flowed back."""
+    full = law[4] * (1.0 - math.exp(-((depth_over_radius / law[5]) ** 2)))
+    standing = state[STANDING]
+    keep = math.exp(-way / REFILL_M)
+    state[REAR_SUM] *= keep
+    state[REAR_WEIGHT] *= keep
+    if standing < STANDING_MOST and seen[THETA_1] > 0.0:
+        ratio = min(max((-seen[THETA_2] / seen[THETA_1] - standing) / (1.0 - standing), -0.2), 1.0)
+        state[REAR_SUM] += way * full * ratio
+        state[REAR_WEIGHT] += way * full * full
+    share = (REFILL_PRIOR_M * REFILL_PRIOR / law[17] + state[REAR_SUM]) / (REFILL_PRIOR_M + state[REAR_WEIGHT])
+    state[REFILL] = law[17] * min(max(share, 0.0), 1.0)
+
+
+@compiled
 def _covariance_kernel(state: FloatArray, p: FloatArray) -> None:
     """The covariance of (de, st, b) into `p`, shape (3, 3)."""
     p[0, 0], p[0, 1], p[0, 2] = state[P_DD], state[P_DS], state[P_DB]
@@ -325,70 +344,91 @@ def _derivatives_kernel(
 
 
 @compiled
+def _residuals_kernel(
+    state: FloatArray,
+    seen: FloatArray,
+    geometry: FloatArray,
+    law: FloatArray,
+    noise: FloatArray,
+    de: float,
+    st: float,
+    row: FloatArray,
+    innovation: FloatArray,
+    h: FloatArray,
+    r: FloatArray,
+) -> None:
+    """The residuals at (de, st), their derivatives by (de, st, b) and the covariance of their noise.
+
+    Angles enter by their first derivatives at their running means: derivatives that follow the noise of single readings
+    let de and st wander off together along what the load leaves open.
+    """
+    slip, dug = state[SLIP], state[DUG]
+    moved = np.empty((6, 2))
+    log_vertical, torque = _derivatives_kernel(
+        geometry, law, de, st, state[MEAN_1], state[MEAN_2], slip, dug, state[STANDING], row, moved
+    )
+    off_1, off_2 = seen[THETA_1] - state[MEAN_1], seen[THETA_2] - state[MEAN_2]
+    variances = np.array([seen[VAR_1], seen[VAR_2], seen[SLIP_STD] ** 2, (noise[7] * dug + 1e-3) ** 2])
+    r[:] = 0.0
+    for j in range(innovation.size):
+        h[j, 0], h[j, 1], h[j, 2] = moved[0, j], moved[1, j], -1.0 if j == 0 else 0.0
+        for k in range(innovation.size):
+            for m in range(4):
+                r[j, k] += moved[2 + m, j] * moved[2 + m, k] * variances[m]
+    innovation[0] = math.log(seen[LOAD]) - log_vertical - moved[2, 0] * off_1 - moved[3, 0] * off_2
+    r[0, 0] += noise[2] ** 2
+    if innovation.size == 2:
+        innovation[1] = seen[TORQUE] - torque - moved[2, 1] * off_1 - moved[3, 1] * off_2
+        r[1, 1] += noise[0] ** 2 + (noise[1] * torque) ** 2
+    for j in range(innovation.size):
+        innovation[j] -= h[j, 0] * (state[DE] - de) + h[j, 1] * (state[ST] - st)
+    if abs(slip) > DEEP_SLIP:
+        r *= 4.0
+
+
+@compiled
+def _is_jump_kernel(state: FloatArray, innovation: FloatArray, inverse: FloatArray) -> bool:
+    """Whether the soil has jumped: then its covariance has grown."""
+    is_surprise = innovation @ inverse @ innovation > SURPRISE
+    state[SURPRISES] = state[SURPRISES] + 1.0 if is_surprise else 0.0
+    if state[SURPRISES] < SURPRISES_MOST:
+        return False
+    state[SURPRISES] = 0.0
+    state[P_DD] += (JUMP_DE_STD * state[DE] + 0.01) ** 2
+    state[P_SS] += JUMP_ST_STD**2
+    return True
+
+
+@compiled
 def _learn_kernel(
     state: FloatArray, seen: FloatArray, geometry: FloatArray, law: FloatArray, noise: FloatArray, row: FloatArray
 ) -> None:
     """Update one wheel's soil by its residuals, linearised anew where the update goes far (iterated filter)."""
-    before_d, before_s, standing = state[DE], state[ST], state[STANDING]
-    slip, dug = state[SLIP], state[DUG]
-    uses_torque = noise[9] > 0.0 and math.isfinite(seen[TORQUE])
-    count = 2 if uses_torque else 1
-    variances = np.array([seen[VAR_1], seen[VAR_2], seen[SLIP_STD] ** 2, (noise[8] * dug + 1e-3) ** 2])
-    log_load, torque = math.log(seen[LOAD]), seen[TORQUE]
-    moved = np.empty((6, 2))
-    innovation = np.zeros(count)
-    h = np.zeros((count, 3))
-    r = np.zeros((count, count))
-    gain = np.zeros((3, count))
+    count = 2 if noise[8] > 0.0 and math.isfinite(seen[TORQUE]) else 1
+    innovation = np.empty(count)
+    h = np.empty((count, 3))
+    r = np.empty((count, count))
+    gain = np.empty((3, count))
     p = np.empty((3, 3))
-    # Angles enter by their first derivatives at their running means: derivatives that follow the noise of single
-    # readings let de and st wander off together along what the load leaves open.
-    off_1, off_2 = seen[THETA_1] - state[MEAN_1], seen[THETA_2] - state[MEAN_2]
-    de, st = before_d, before_s
+    de, st = state[DE], state[ST]
     for attempt in range(ATTEMPTS):
-        log_vertical, torque_here = _derivatives_kernel(
-            geometry, law, de, st, state[MEAN_1], state[MEAN_2], slip, dug, standing, row, moved
-        )
-        log_vertical += moved[2, 0] * off_1 + moved[3, 0] * off_2
-        torque_here += moved[2, 1] * off_1 + moved[3, 1] * off_2
-        r[:] = 0.0
-        for j in range(count):
-            h[j, 0], h[j, 1] = moved[0, j], moved[1, j]
-            for k in range(count):
-                for m in range(4):
-                    r[j, k] += moved[2 + m, j] * moved[2 + m, k] * variances[m]
-        h[0, 2] = -1.0
-        r[0, 0] += noise[2] ** 2
-        innovation[0] = log_load - log_vertical
-        if uses_torque:
-            innovation[1] = torque - torque_here
-            r[1, 1] += noise[0] ** 2 + (noise[1] * torque_here) ** 2
-        for j in range(count):
-            innovation[j] -= h[j, 0] * (before_d - de) + h[j, 1] * (before_s - st)
-        if abs(slip) > DEEP_SLIP:
-            r *= 4.0
+        _residuals_kernel(state, seen, geometry, law, noise, de, st, row, innovation, h, r)
         _covariance_kernel(state, p)
         inverse = np.linalg.inv(h @ p @ h.T + r)
-        if attempt == 0:
-            is_surprise = innovation @ inverse @ innovation > SURPRISE
-            state[SURPRISES] = state[SURPRISES] + 1.0 if is_surprise else 0.0
-            if state[SURPRISES] >= SURPRISES_MOST:
-                state[SURPRISES] = 0.0
-                state[P_DD] += (JUMP_DE_STD * de + 0.01) ** 2
-                state[P_SS] += JUMP_ST_STD**2
-                _covariance_kernel(state, p)
-                inverse = np.linalg.inv(h @ p @ h.T + r)
+        if attempt == 0 and _is_jump_kernel(state, innovation, inverse):
+            _covariance_kernel(state, p)
+            inverse = np.linalg.inv(h @ p @ h.T + r)
         gain[:] = p @ h.T @ inverse
         gain[2, :] = 0.0  # the load's error is considered, not estimated
-        change_d = change_s = 0.0
+        change_d, change_s = 0.0, 0.0
         for j in range(count):
             change_d += gain[0, j] * innovation[j]
             change_s += gain[1, j] * innovation[j]
-        change_d = min(max(change_d, -CALM_STEP[0] * before_d), CALM_STEP[1] * before_d + CALM_STEP[2])
+        change_d = min(max(change_d, -CALM_STEP[0] * state[DE]), CALM_STEP[1] * state[DE] + CALM_STEP[2])
         change_s = min(max(change_s, -CALM_STEP[3]), CALM_STEP[3])
         last_d, last_s = de, st
-        de = min(max(before_d + change_d, DE_RANGE[0]), DE_RANGE[1])
-        st = min(max(before_s + change_s, 0.0), 1.0)
+        de = min(max(state[DE] + change_d, DE_RANGE[0]), DE_RANGE[1])
+        st = min(max(state[ST] + change_s, 0.0), 1.0)
         if abs(de - last_d) < FAR_DE * last_d and abs(st - last_s) < FAR_ST:
             break
     state[DE], state[ST] = de, st
@@ -419,8 +459,9 @@ def _filter_kernel(
         state[SLIP] += (1.0 - math.exp(-travel * dt / noise[5])) * (seen[SLIP_SEEN] - state[SLIP])
         state[SLIP] = min(max(state[SLIP], -0.97), 0.97)
         state[STANDING] *= math.exp(-speed * dt / contact)
-        digging = dt * noise[6] * max(rim - speed, 0.0) / contact
-        state[DUG] = (state[DUG] + digging) / (1.0 + dt * (speed + noise[7] * rim) / contact)
+        kappa = state[REFILL]
+        digging = dt * noise[6] * (1.0 + kappa) * max(rim - speed, 0.0) / contact
+        state[DUG] = (state[DUG] + digging) / (1.0 + dt * (speed + kappa * rim) / contact)
         depth = shape[0] * (1.0 - math.cos(seen[THETA_1]))
         state[DUG] = min(state[DUG], 0.8 * depth)
 
@@ -432,13 +473,14 @@ def _filter_kernel(
         place = math.floor((way + shape[3]) / CELL_M)
         cell = cells[track[i], int(place) % CELLS]
         is_known = cell[CELL_PLACE] == place and cell[CELL_WHEEL] != i
-        if noise[10] > 0.0 and is_known and advance > 0.0:
+        if noise[9] > 0.0 and is_known and advance > 0.0:
             _opinion_kernel(state, cell, advance)
         if seen[HAS_ANGLES] > 0.0:
             state[MEANS] += 1.0
             share = max(1.0 / state[MEANS], 1.0 - math.exp(-travel * dt / MEAN_M))
             state[MEAN_1] += share * (seen[THETA_1] - state[MEAN_1])
             state[MEAN_2] += share * (seen[THETA_2] - state[MEAN_2])
+            _refill_kernel(state, seen, depth / shape[0], travel * dt, law)
         if seen[HAS_ANGLES] > 0.0 and rim > LEAST_RIM_SPEED and state[STANDING] < STANDING_MOST:
             _learn_kernel(state, seen, shape, law, noise, row)
             if speed > LEAST_RIM_SPEED:
