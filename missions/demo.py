@@ -120,6 +120,7 @@ def print_result(result: DemoResult, console: Console) -> None:
     table.add_row("largest slip", f"{summary.largest_slip:.2f}")
     table.add_row("stalls, retries", f"{summary.stalls}, {summary.retries}")
     table.add_row("contact angles", _angles_in_words(summary))
+    table.add_row("forecast", _forecast(summary))
     if summary.faults:
         table.add_row("faults", ", ".join(summary.faults))
     for event in summary.events:
@@ -129,6 +130,12 @@ def print_result(result: DemoResult, console: Console) -> None:
     if result.report is not None or result.without_report:
         table.add_row("report", escape(str(result.report or result.without_report)))
     console.print(table)
+
+
+def _forecast(summary: RunSummary) -> str:
+    """E.g. `CLEAR at the end, largest score 0.42, never STOP`."""
+    stop = f"STOP first at {summary.forecast_stop_s:.1f} s" if summary.forecast_stop_s >= 0.0 else "never STOP"
+    return f"{summary.forecast_at_end} at the end, largest score {summary.largest_scout_z:.2f}, {stop}"
 
 
 def _angles_in_words(summary: RunSummary) -> str:

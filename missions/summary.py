@@ -11,7 +11,10 @@ import numpy as np
 
 from missions.plan import RunPlan
 from missions.run_log import RunLog
+from missions.soil_truth import soil_truth
+from sim_bridge.terrain import Terrain
 from sim_bridge.world import site_of
+from soil_flow_estimator.soil_state import ForecastVerdict
 from strap_rover import topics
 from strap_rover.arrays import FloatArray
 from strap_sensor_driver.contact_zone import ContactStatus
@@ -91,6 +94,17 @@ class RunSummary:
     faulty_share: float
     static_de: tuple[float, ...]
     """Deformability per wheel as first estimated; NaN-free: -1 where it never was."""
+    final_soil: Mapping[str, tuple[float, ...]]
+    """de, st, de_std and st_std as estimated in the end, and true_de and true_st of the ground there, per wheel.
+
+    -1 where there is none: ground whose shear is not the family's has no st. Empty when nothing was ever estimated.
+    """
+    forecast_stop_s: float
+    """When the halting forecast first said STOP; -1 when it never did."""
+    largest_scout_z: float
+    """Of the halting score; 0 when there never was a forecast."""
+    forecast_at_end: str
+    """ForecastVerdict."""
     events: tuple[Event, ...]
 
     def to_json(self) -> str:
@@ -120,13 +134,17 @@ def summarize(plan: RunPlan, log: RunLog) -> RunSummary:
     outcome = outcome_of(abs(final_speed), float(zone.max()), mode_at_end, float(x[-1]), snag_x, float(time_s[-1]))
     wheel_work, load_work = _wheel_work(log, time_s), _integral(load * speed, time_s)
     slope = log.of_rover(topics.GROUND_TRUTH, "slope")
+    site = site_of(plan.scenario, plan.rover, plan.seed)
+    verdicts = log.of_rover(topics.SOIL_STATE, "scout_verdict").astype(int)
+    stopped = verdicts == ForecastVerdict.STOP
+    score = log.of_rover(topics.SOIL_STATE, "scout_z")[verdicts != ForecastVerdict.NONE]
     climb_work = _integral(plan.rover.vertical_load_n * np.sin(slope) * speed, time_s)
     return RunSummary(
         scenario=plan.scenario.name,
         controller=plan.controller.policy,
         seed=plan.seed,
         duration_s=round(float(time_s[-1]), 6),
-        facts=dict(site_of(plan.scenario, plan.rover, plan.seed).facts),
+        facts=dict(site.facts),
         outcome=outcome.value,
         distance_m=_rounded(x[-1] - x[0]),
         final_speed_mps=_rounded(final_speed),
@@ -146,6 +164,10 @@ def summarize(plan: RunPlan, log: RunLog) -> RunSummary:
         predicted_share=_rounded(np.mean(status == ContactStatus.PREDICTED) if status.size else 0.0),
         faulty_share=_rounded(np.mean(status >= ContactStatus.FAULT_OPEN_A) if status.size else 0.0),
         static_de=_static_de(log),
+        final_soil=_final_soil(plan, log, site.terrain),
+        forecast_stop_s=_rounded(log.time_s(topics.SOIL_STATE)[int(np.argmax(stopped))]) if stopped.any() else -1.0,
+        largest_scout_z=_rounded(score.max()) if score.size else 0.0,
+        forecast_at_end=ForecastVerdict(int(verdicts[-1]) if verdicts.size else 0).name,
         events=run_events(log),
     )
 
@@ -241,6 +263,16 @@ def _static_de(log: RunLog) -> tuple[float, ...]:
     known = status >= 2.0
     first = [int(np.argmax(known[:, wheel])) if known[:, wheel].any() else -1 for wheel in range(de.shape[1])]
     return tuple(_rounded(de[row, wheel]) if row >= 0 else -1.0 for wheel, row in enumerate(first))
+
+
+def _final_soil(plan: RunPlan, log: RunLog, terrain: Terrain) -> dict[str, tuple[float, ...]]:
+    if not log.time_s(topics.SOIL_STATE).size:
+        return {}
+    found = {name: log.of_wheels(topics.SOIL_STATE, name)[-1] for name in ("de", "st", "de_std", "st_std")}
+    place = (log.of_rover(topics.GROUND_TRUTH, name)[-1:] for name in ("x", "y", "heading"))
+    truth = soil_truth(terrain, plan.rover, *place)
+    found |= {"true_de": truth.de[0], "true_st": np.nan_to_num(truth.st[0], nan=-1.0)}
+    return {name: tuple(_rounded(value) for value in values) for name, values in found.items()}
 
 
 def _rounded(value: float | np.floating) -> float:

@@ -52,6 +52,12 @@ def test_the_result_is_told_in_words(demonstrated, capsys):
     assert "stopped early" not in text
     print_result(replace(demonstrated.result, complete=False), Console(width=200))
     assert "stopped early" in capsys.readouterr().out
+    for stop_s, words in ((-1.0, "CAUTION at the end, largest score 0.50, never STOP"), (7.25, "STOP first at 7.2 s")):
+        summary = replace(
+            demonstrated.result.summary, forecast_at_end="CAUTION", largest_scout_z=0.5, forecast_stop_s=stop_s
+        )
+        print_result(replace(demonstrated.result, summary=summary), Console(width=200))
+        assert words in capsys.readouterr().out
 
 
 def test_the_output_folder_is_the_one_asked_for_or_the_next_free_number(tmp_path, monkeypatch):

@@ -6,9 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from missions.case_studies.single_wheel_runs import stand_deformability
 from missions.plan import plan_run
 from missions.run_log import RunLogBuilder
 from missions.summary import Outcome, run_events, summarize, write_summary
+from soil_flow_estimator.soil_state import ForecastVerdict
 from strap_rover import topics
 from strap_sensor_driver.contact_zone import ContactStatus
 from traction_controller.supervisor import Fault, TractionMode
@@ -34,6 +36,7 @@ def make_log(
     faults=(Fault.NONE,),
     angles=None,
     omega=2.0,
+    forecast=None,
     **wheel,
 ):
     """A run at 50 Hz; arguments are numbers or functions of time [s]; modes and faults share the time evenly."""
@@ -58,6 +61,10 @@ def make_log(
         fault = faults[(index - 1) * len(faults) // count]
         builder.add(topics.TRACTION_STATE, stamp_ns, np.zeros((1, 3)), np.array([mode, 1.0, fault], dtype=float))
         builder.add(topics.TRACTION_COMMANDS, stamp_ns, np.array([[at(omega, time_s)]]), np.empty(0))
+        if forecast is not None:
+            verdict, score = forecast(time_s)
+            row = np.array([[0.1, 0.02, 0.5, 0.04, 0.6, 0.05, 1.0, 0.1, 0.1, 0.3, 5.0]])
+            builder.add(topics.SOIL_STATE, stamp_ns, row, np.array([0.0, 50.0, score, -1.0, 0.0, float(verdict)]))
         if angles is not None:
             builder.add(topics.CONTACT_ANGLES, stamp_ns, np.array([angles(time_s)]), np.empty(0))
     return builder.build()
@@ -121,6 +128,32 @@ def test_numbers_of_a_steady_drive():
     assert summary.static_de == (-1.0,)
     assert summary.facts["st"] == 0.6
     assert summary.outcome == Outcome.PASSED.value  # a steady drawbar load is no snag
+
+
+def test_what_the_forecast_said_and_when():
+    def forecast(time_s):
+        if time_s < 2.0:
+            return ForecastVerdict.NONE, 9.0  # no score yet, whatever stands there
+        if time_s < 6.0:
+            return ForecastVerdict.CLEAR, -3.0
+        return (ForecastVerdict.STOP, 1.7) if time_s < 7.0 else (ForecastVerdict.CAUTION, 0.4)
+
+    summary = summarize(PLAN, make_log(forecast=forecast))
+    assert (summary.forecast_stop_s, summary.largest_scout_z, summary.forecast_at_end) == (6.0, 1.7, "CAUTION")
+
+
+def test_without_a_forecast_there_is_none():
+    for log in (make_log(), make_log(forecast=lambda _: (ForecastVerdict.NONE, 0.0))):
+        summary = summarize(PLAN, log)
+        assert (summary.forecast_stop_s, summary.largest_scout_z, summary.forecast_at_end) == (-1.0, 0.0, "NONE")
+    assert summarize(PLAN, make_log()).final_soil == {}
+
+
+def test_the_soil_found_stands_beside_the_true_one():
+    soil = summarize(PLAN, make_log(forecast=lambda _: (ForecastVerdict.CLEAR, -1.0))).final_soil
+    assert (soil["de"], soil["de_std"], soil["st"], soil["st_std"]) == ((0.5,), (0.04,), (0.6,), (0.05,))
+    assert soil["true_de"] == pytest.approx((stand_deformability()[1],), abs=1e-6)  # of S11, by its contact zone
+    assert soil["true_st"] == pytest.approx((0.6,))
 
 
 def test_work_against_the_weight_is_counted_uphill():
