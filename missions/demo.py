@@ -16,6 +16,7 @@ from missions.plan import CYCLE_NS, NS, RunPlan
 from missions.report.page import ReportError
 from missions.report.report import REPORT, write_report
 from missions.run_log import run_log_from_bag
+from missions.soil_truth import soil_truth_of_run
 from missions.stop_request import never
 from missions.summary import RunSummary, summarize, write_summary
 
@@ -82,7 +83,7 @@ def run_demo(plan: RunPlan, folder: Path, console: Console, stopped: Callable[[]
         log = run_log_from_bag(folder / BAG, plan.rover.wheel_names)
         summary = summarize(plan, log)
         write_summary(summary, folder / SUMMARY)
-        draw_run(log, summary, folder / PICTURE)
+        draw_run(log, summary, folder / PICTURE, soil_truth_of_run(plan, log))
         report, why_not = report_of(folder / BAG, folder)
     return DemoResult(folder, summary, done == plan.cycles, report, why_not)
 

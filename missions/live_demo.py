@@ -25,6 +25,7 @@ from missions.operator_node import LiveOperator
 from missions.picture import draw_run
 from missions.plan import RunPlan
 from missions.run_log import run_log_from_bag
+from missions.soil_truth import soil_truth_of_run
 from missions.stop_request import never
 from missions.summary import summarize, write_summary
 from strap_rover.file_lock import FileLock, LockHeldError
@@ -118,7 +119,7 @@ def run_live(
         log = run_log_from_bag(bag, plan.rover.wheel_names, drive.origin_ns)
         summary = summarize(plan, log)
         write_summary(summary, folder / SUMMARY)
-        draw_run(log, summary, folder / PICTURE)
+        draw_run(log, summary, folder / PICTURE, soil_truth_of_run(plan, log))
         page, why_not = report_of(bag, folder)
     is_complete = not (stopped() or drive.failure)
     return LiveResult(DemoResult(folder, summary, is_complete, page, why_not), report, drive.failure)

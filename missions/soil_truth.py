@@ -4,7 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from missions.plan import RunPlan
+from missions.run_log import RunLog
 from sim_bridge.terrain import Terrain
+from sim_bridge.world import site_of
+from strap_rover import topics
 from strap_rover.arrays import FloatArray
 from strap_rover.rover import RoverDescription
 from strap_rover.terramechanics.contact import Wheel, deformability_from_zone, static_contact_zone
@@ -58,6 +62,13 @@ def soil_truth(
         load = rover.vertical_load_n * of_rover.load_share
         de[:, wheel] = _deformability(soils, Wheel(of_rover.radius_m, of_rover.width_m), load)[index[:, wheel]]
     return SoilTruth(de, st)
+
+
+def soil_truth_of_run(plan: RunPlan, log: RunLog) -> SoilTruth:
+    """De and st below every wheel at the times of the run's ground truth."""
+    terrain = site_of(plan.scenario, plan.rover, plan.seed).terrain
+    place = (log.of_rover(topics.GROUND_TRUTH, name) for name in ("x", "y", "heading"))
+    return soil_truth(terrain, plan.rover, *place)
 
 
 def _deformability(soils: FloatArray, wheel: Wheel, load: float) -> FloatArray:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import matplotlib.image
 import numpy as np
 
@@ -5,7 +7,9 @@ from missions.core_run import run_cores
 from missions.picture import draw_run
 from missions.plan import plan_run
 from missions.run_log import RunLogBuilder
+from missions.soil_truth import soil_truth_of_run
 from missions.summary import summarize
+from soil_flow_estimator.soil_state import ForecastVerdict
 from strap_rover import topics
 
 
@@ -29,6 +33,23 @@ def test_equal_runs_give_equal_pictures(tmp_path):
         log = run_cores(plan)
         draw_run(log, summarize(plan, log), tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_true_soil_and_every_verdict_are_drawn(tmp_path):
+    plan = plan_run("single_wheel", duration_s=0.6)
+    log = run_cores(plan)
+    summary, truth = summarize(plan, log), soil_truth_of_run(plan, log)
+    soil = log.series[topics.SOIL_STATE.name]
+    told = {}
+    for verdict in ForecastVerdict:
+        whole = soil.whole_rover.copy()
+        whole[:, -1] = verdict
+        other = replace(log, series={**log.series, topics.SOIL_STATE.name: replace(soil, whole_rover=whole)})
+        draw_run(other, summary, tmp_path / "run.png", truth)
+        told[(tmp_path / "run.png").read_bytes()] = verdict
+    draw_run(log, summary, tmp_path / "run.png")
+    told[(tmp_path / "run.png").read_bytes()] = "without the truth"
+    assert len(told) == len(ForecastVerdict) + 1
 
 
 def test_a_log_without_mode_changes_or_even_modes_is_drawn(tmp_path):
