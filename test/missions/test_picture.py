@@ -40,16 +40,14 @@ def test_true_soil_and_every_verdict_are_drawn(tmp_path):
     log = run_cores(plan)
     summary, truth = summarize(plan, log), soil_truth_of_run(plan, log)
     soil = log.series[topics.SOIL_STATE.name]
-    told = {}
-    for verdict in ForecastVerdict:
-        whole = soil.whole_rover.copy()
-        whole[:, -1] = verdict
-        other = replace(log, series={**log.series, topics.SOIL_STATE.name: replace(soil, whole_rover=whole)})
-        draw_run(other, summary, tmp_path / "run.png", truth)
-        told[(tmp_path / "run.png").read_bytes()] = verdict
-    draw_run(log, summary, tmp_path / "run.png")
-    told[(tmp_path / "run.png").read_bytes()] = "without the truth"
-    assert len(told) == len(ForecastVerdict) + 1
+    whole = soil.whole_rover.copy()
+    whole[:, -1] = np.arange(len(whole)) * len(ForecastVerdict) // len(whole)  # one after the other
+    told = replace(log, series={**log.series, topics.SOIL_STATE.name: replace(soil, whole_rover=whole)})
+    pictures = set()
+    for shown, known in ((log, None), (log, truth), (told, truth)):
+        draw_run(shown, summary, tmp_path / "run.png", known)
+        pictures.add((tmp_path / "run.png").read_bytes())
+    assert len(pictures) == 3
 
 
 def test_a_log_without_mode_changes_or_even_modes_is_drawn(tmp_path):
