@@ -18,7 +18,8 @@ from rich.text import Text
 
 from missions.mode_colours import MODE_COLOURS
 from missions.snapshot import LEVELS, Heard, Level, Snapshot, nothing_heard
-from soil_flow_estimator.soil_state import SoilState, SoilStatus
+from soil_flow_estimator.forecast_words import forecast_verdict, forecast_words, is_warning
+from soil_flow_estimator.soil_state import ForecastVerdict, SoilState, SoilStatus
 from strap_rover.telemetry import BodyMotion, SpeedRequest, WheelCommands, WheelStates
 from strap_rover.topics import Topic
 from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus, remedy
@@ -39,8 +40,10 @@ _MODE_WORDS = {
     TractionMode.STALL: "the wheels turned and the rover did not move: stopping",
     TractionMode.WAIT: "standing, so that the load on the rover may pass",
     TractionMode.RETRY: "driving again after a stall, until the rover is free",
-    TractionMode.HALT: "stalled once too often: stands until traction_controller/reset is called",
+    TractionMode.HALT: "cannot go on: stands until traction_controller/reset is called",
     TractionMode.FAULT: "an input is late or faulty: stands until it is back",
+    TractionMode.FORECAST_STOP: "the forecast says that going on ends badly: stopping",
+    TractionMode.BACK_OUT: "driving back by the way it came, then it stands",
 }
 _FAULT_WORDS = {
     Fault.NONE: "none",
@@ -80,7 +83,18 @@ _SOIL_WORDS = {
     SoilStatus.STATIC_ESTIMATE: "stood",
     SoilStatus.STATIC_AT_BOUND: "at bound",
     SoilStatus.HELD: "held",
+    SoilStatus.FILTERED: "rolling",
 }
+_VERDICT_STYLES = {
+    ForecastVerdict.NONE: _GREY,
+    ForecastVerdict.CLEAR: "green",
+    ForecastVerdict.CAUTION: _WARNING,
+    ForecastVerdict.STOP: _LOUD,
+    ForecastVerdict.SLIPPING: _LOUD,
+    ForecastVerdict.SNAG: _WARNING,
+}
+_GUESSED_STD = 0.25
+"""1-sigma of de or st from which it is hardly more than the prior, whose is 0.29."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +129,7 @@ class Dashboard:
             yield Text.assemble((f" {_silence(snapshot.silence_s)} ", _LOUD))
             yield Text()
         yield from _supervisor(snapshot)
+        yield from _forecast(snapshot)
         if snapshot.wheels:
             yield Text()
             yield from _wheels(snapshot, options)
@@ -139,6 +154,9 @@ def plain_line(snapshot: Snapshot) -> str:
     state = snapshot.traction_state
     if state is not None and state.record.fault is not Fault.NONE:
         words.append(f"fault {state.record.fault.name}")
+    soil = snapshot.soil_state
+    if soil is not None and is_warning(soil.record):
+        words.append(f"forecast {forecast_verdict(soil.record).name}")
     wrong = [f"{name} {_STRAP_WORDS[status]}" for name, status in _strap_statuses(snapshot) if status.is_fault]
     wrong += [f"{name}: {level}: {text}" for level, name, text in _unwell(snapshot)]
     wrong += [f"{topic.name}: {text}" for topic, _, text in _silent(snapshot)]
@@ -185,6 +203,21 @@ def _supervisor(snapshot: Snapshot) -> Iterator[RenderableType]:
         line.append(f"retries {heard.record.retries}", style=_GREY if heard.is_old else "")
     line.append(f"   domain {snapshot.domain_id}", style=_GREY)
     yield line
+
+
+def _forecast(snapshot: Snapshot) -> Iterator[RenderableType]:
+    """What lies ahead, with the forces behind it."""
+    heard = snapshot.soil_state
+    if heard is None:
+        return
+    verdict = forecast_verdict(heard.record)
+    label = Text(f"forecast {verdict.name}", style=_GREY if heard.is_old else _VERDICT_STYLES[verdict])
+    if heard.is_old:
+        label = Text.assemble(label, " ", _old(heard))
+    is_quiet = heard.is_old or verdict is ForecastVerdict.NONE
+    table = _hanging()
+    table.add_row(label, Text(forecast_words(heard.record), style=_GREY if is_quiet else ""))
+    yield table
 
 
 def _chip_style(mode: TractionMode) -> str:
@@ -281,6 +314,10 @@ def _deformability(soil: SoilState, index: int, width: int, _ascii_only: bool) -
     return Text(_number(soil.de[index], 2, width), style=_GREY if guessed else "")
 
 
+def _stickiness(soil: SoilState, index: int, width: int, _ascii_only: bool) -> Text:
+    return Text(_number(soil.st[index], 2, width), style="" if soil.st_std[index] < _GUESSED_STD else _GREY)
+
+
 def _soil_status(soil: SoilState, index: int, _width: int, _ascii_only: bool) -> Text:
     code = int(soil.status[index])
     return Text(_SOIL_WORDS[SoilStatus(code)] if code in _SOIL_WORDS else f"code {code}", style=_GREY)
@@ -319,11 +356,12 @@ _COLUMNS = (
     _Column(_SOIL, "max", 4, 8, lambda s: s.soil_state, _slip_max),
     _Column(_SOIL, "vc", 4, 4, lambda s: s.soil_state, _flow_ratio),
     _Column(_SOIL, "de", 4, 7, lambda s: s.soil_state, _deformability),
-    _Column(_SOIL, "de from", 8, 13, lambda s: s.soil_state, _soil_status, left=True),
+    _Column(_SOIL, "st", 4, 12, lambda s: s.soil_state, _stickiness),
+    _Column(_SOIL, "de from", 8, 14, lambda s: s.soil_state, _soil_status, left=True),
     _Column(_SPEED, "set", 5, 0, lambda s: s.wheel_commands, _wheel_speed),
     _Column(_SPEED, "is", 5, 2, lambda s: s.wheel_states, _wheel_speed),
     _Column(_SPEED, "lim", 4, 10, lambda s: s.traction_state, _limited),
-    _Column(_SPEED, "band", 10, 12, lambda s: s.traction_state, _band),
+    _Column(_SPEED, "band", 10, 13, lambda s: s.traction_state, _band),
 )
 
 
@@ -420,6 +458,8 @@ def _strap_faults(snapshot: Snapshot) -> Iterator[RenderableType]:
 def _health(snapshot: Snapshot) -> Iterator[RenderableType]:
     """What every node says of itself, worst first; what is missing or cannot be read."""
     above = {remedy(status) for _, status in _strap_statuses(snapshot) if status.is_fault}
+    if snapshot.soil_state is not None and not snapshot.soil_state.is_old:
+        above.add(forecast_words(snapshot.soil_state.record))
     rows = _unwell(snapshot, above)
     well = ", ".join(node.node for node in snapshot.nodes if node.level == "OK")
     count = sum(len(node.parts) for node in snapshot.nodes)

@@ -11,4 +11,6 @@ MODE_COLOURS = {
     TractionMode.RETRY: "#d4b9da",
     TractionMode.HALT: "#e06666",
     TractionMode.FAULT: "#b2182b",
+    TractionMode.FORECAST_STOP: "#f781bf",
+    TractionMode.BACK_OUT: "#80cdc1",
 }

@@ -85,9 +85,11 @@ class TractionControllerNode(NodeShell[TractionParameters]):
         """One part: what is wrong and what to do about it, else why the rover does what it does."""
         health = self._core.health()
         stopped = health.mode in {TractionMode.HALT, TractionMode.FAULT}
-        level = HealthLevel.ERROR if stopped else HealthLevel.WARN if health.complaints else HealthLevel.OK
+        is_turning_back = health.mode in {TractionMode.FORECAST_STOP, TractionMode.BACK_OUT}
+        is_warned = is_turning_back or bool(health.complaints)
+        level = HealthLevel.ERROR if stopped else HealthLevel.WARN if is_warned else HealthLevel.OK
         told = list(health.complaints)
-        if health.mode is TractionMode.HALT or not told:
+        if health.mode is TractionMode.HALT or is_turning_back or not told:
             told.insert(0, health.reason)
         elif health.fault is not Fault.NONE:
             told.append("the wheels stand until every input is good")

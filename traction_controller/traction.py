@@ -11,6 +11,7 @@ from strap_rover.arrays import BoolArray, FloatArray, IntArray
 from strap_rover.rover import RoverDescription
 from strap_rover.telemetry import BodyMotion, SpeedRequest, WheelCommands, WheelStates
 from strap_sensor_driver.contact_zone import ContactAngles, travel_angles
+from traction_controller.forecast_watch import ForecastWatch
 from traction_controller.input_watch import InputWatch
 from traction_controller.speed_band import SpeedBand, fastest_at_slip, speed_band
 from traction_controller.supervisor import (
@@ -19,6 +20,7 @@ from traction_controller.supervisor import (
     Fault,
     StallWatch,
     Supervisor,
+    SupervisorLimits,
     TractionMode,
 )
 from traction_controller.traction_settings import TractionSettings
@@ -75,6 +77,8 @@ class TractionHealth:
     faulty_readings: int
     """Straps read with a fault, wheel by wheel."""
     stalls: int
+    forecast_stops: int
+    """Stops because the forecast said that going on ends badly."""
     empty_band_ticks: int
     """Ticks on which some wheel's lower end lay above its upper end."""
 
@@ -111,7 +115,8 @@ class TractionController:
         }[settings.policy]
         self._checks_stall = settings.policy in {"soil_flow", "slip_limit"}
         self._inputs = InputWatch(rover, settings)
-        self._supervisor = Supervisor(settings.wait_s, settings.retries_max, settings.free_distance_m)
+        self._forecast = ForecastWatch(settings.return_z_max)
+        self._supervisor = Supervisor(_supervisor_limits(settings))
         self._stall_watch = StallWatch(self._radius, settings.stall_rim_travel_m, settings.stall_progress_m)
         self._is_held = False
         self._direction = 1.0
@@ -134,8 +139,8 @@ class TractionController:
             )
         self._settings = settings
         self._inputs.retune(settings)
-        self._supervisor.retune(settings.wait_s, settings.retries_max, settings.free_distance_m)
-        self._stall_watch.retune(settings.stall_rim_travel_m, settings.stall_progress_m)
+        self._forecast.retune(settings.return_z_max)
+        self._supervisor.retune(_supervisor_limits(settings))
 
     def reset(self) -> None:
         """Leave HALT, start counting retries anew, and forget what was asked and what was said of the soil.
@@ -146,6 +151,7 @@ class TractionController:
         self._supervisor.reset()
         self._stall_watch.restart()
         self._inputs.forget_request_and_soil()
+        self._forecast.forget()
         self._direction = 1.0
         self._advance_m = 0.0
 
@@ -169,17 +175,19 @@ class TractionController:
             self._advance_m += 0.5 * (before.speed + motion.speed) * min(step_s, self._settings.odometry_timeout_s)
 
     def feed_soil_state(self, soil: SoilState) -> None:
-        """Take the soil estimate: its slip limit may tighten the band, never widen it."""
-        self._inputs.take_soil_state(soil)
+        """Take the soil estimate: its slip limit may tighten the band, never widen it; its forecast may stop it."""
+        if self._inputs.take_soil_state(soil):
+            self._forecast.take(soil)
 
     def feed_speed_request(self, request: SpeedRequest) -> None:
-        """Take what the operator asks for."""
-        if not self._inputs.take_request(request):
+        """Take what the operator asks for. Once the forecast has stopped the rover only how fast: it drives back."""
+        if not self._inputs.take_request(request) or self._supervisor.has_turned_back:
             return
         direction = math.copysign(1.0, request.speed) if request.speed else self._direction
         if direction != self._direction:
             self._direction = direction
             self._stall_watch.restart()
+            self._supervisor.turn_around()
 
     def tick(self, now_ns: int) -> TractionOutput:
         """Decide for this moment. Without inputs every wheel is commanded to stand.
@@ -194,15 +202,17 @@ class TractionController:
         for fault in faults:
             if fault not in faults_before:
                 self._fault_entries[fault.name] += 1
+        if Fault.SOIL_STATE_LATE in faults:
+            self._forecast.forget()
 
         request, motion = self._inputs.request.record, self._inputs.body_motion.record
         asked_mps = abs(request.speed) if request is not None else 0.0
-        speed = max(self._direction * motion.speed, 0.0) if motion is not None else 0.0
+        speed = max(self._travel * motion.speed, 0.0) if motion is not None else 0.0
         limits = self._policy(asked_mps, speed)
         mode = self._mode = self._supervise(step_ns, limits)
 
         if IMMEDIATE_STOP_FAULTS.isdisjoint(faults):
-            target = self._direction * limits.wanted if mode in DRIVING_MODES else self._zeros
+            target = self._travel * limits.wanted if mode in DRIVING_MODES else self._zeros
             self._command = self._ramped(step_ns, target)
         else:
             self._command = self._zeros
@@ -231,17 +241,29 @@ class TractionController:
             rejected_records=self._inputs.rejected_records,
             faulty_readings=self._inputs.faulty_readings,
             stalls=self._supervisor.stalls,
+            forecast_stops=self._supervisor.forecast_stops,
             empty_band_ticks=self._empty_band_ticks,
         )
 
+    @property
+    def _travel(self) -> float:
+        """1 or -1: which way the rover drives."""
+        return -self._direction if self._supervisor.is_backing else self._direction
+
+    @property
+    def _heeds_forecast(self) -> bool:
+        return self._settings.policy == "soil_flow" and self._settings.acts_on_forecast
+
     def _supervise(self, step_ns: int, limits: _Limits) -> TractionMode:
-        advance_m, self._advance_m = self._direction * self._advance_m, 0.0
+        travel = self._travel
+        advance_m, self._advance_m = travel * self._advance_m, 0.0
         stalled = False
+        self._stall_watch.retune(*self._stall_ways())
         states = self._inputs.wheel_states.record
         if Fault.WHEEL_STATES_LATE in self._faults:
             self._stall_watch.look_away()
         elif states is not None:
-            stalled = self._stall_watch.update(self._direction * states.angle, advance_m)
+            stalled = self._stall_watch.update(travel * states.angle, advance_m)
         mode = self._supervisor.step(
             step_ns,
             held=self._is_held,
@@ -251,11 +273,24 @@ class TractionController:
             standing=not self._command.any(),
             limited=bool(limits.limited.any()),
             advance_m=advance_m,
+            halts_ahead=self._heeds_forecast and self._forecast.halts_ahead,
+            slips=self._heeds_forecast and self._forecast.slips,
+            no_way_back=self._heeds_forecast and self._forecast.no_way_back,
         )
         # Not for a fault: an input that drops out again and again must not let the wheels dig by many small ways.
-        if mode not in DRIVING_MODES and mode is not TractionMode.FAULT:
+        if (mode not in DRIVING_MODES and mode is not TractionMode.FAULT) or self._travel != travel:
             self._stall_watch.restart()
         return mode
+
+    def _stall_ways(self) -> tuple[float, float]:
+        """Rim travel and progress [m] that a stall is judged by now."""
+        settings = self._settings
+        rim_travel_m, progress_m = settings.stall_rim_travel_m, settings.stall_progress_m
+        supervisor = self._supervisor
+        probes = supervisor.mode is TractionMode.RETRY or (supervisor.is_under_way and not supervisor.is_backing)
+        if settings.policy != "soil_flow" or not probes or settings.probe_rim_travel_m >= rim_travel_m:
+            return rim_travel_m, progress_m
+        return settings.probe_rim_travel_m, progress_m * settings.probe_rim_travel_m / rim_travel_m
 
     def _ramped(self, step_ns: int, target: FloatArray) -> FloatArray:
         rate = self._settings.acceleration_limit_radps2
@@ -277,21 +312,24 @@ class TractionController:
 
     def _band(self, speed: float) -> SpeedBand:
         settings = self._settings
-        entry, leave = travel_angles(self._inputs.theta_1, self._inputs.theta_2, self._direction)
+        entry, leave = travel_angles(self._inputs.theta_1, self._inputs.theta_2, self._travel)
         blind = self._inputs.blind
         if blind.any():
             entry, leave = np.where(blind, 0.0, entry), np.where(blind, 0.0, leave)
+        slip_cap = settings.slip_cap
+        if self._heeds_forecast and self._forecast.is_cautious and self._supervisor.is_under_way:
+            slip_cap = min(slip_cap, settings.caution_slip_cap)
         soil = self._inputs.soil_state.record
         slip_bound = None
         if soil is not None and Fault.SOIL_STATE_LATE not in self._faults:
-            slip_bound = np.where(soil.status == SoilStatus.NO_DATA, settings.slip_cap, soil.slip_max)
+            slip_bound = np.where(soil.status == SoilStatus.NO_DATA, slip_cap, soil.slip_max)
         return speed_band(
             speed,
             self._radius,
             entry,
             leave,
             creep_speed=settings.v_creep_mps,
-            slip_cap=settings.slip_cap,
+            slip_cap=slip_cap,
             slip_bound=slip_bound,
         )
 
@@ -314,3 +352,13 @@ class TractionController:
 
 def _reported(faults: tuple[Fault, ...]) -> Fault:
     return faults[0] if faults else Fault.NONE
+
+
+def _supervisor_limits(settings: TractionSettings) -> SupervisorLimits:
+    return SupervisorLimits(
+        wait_s=settings.wait_s,
+        wait_growth=settings.wait_growth if settings.policy == "soil_flow" else 1.0,
+        retries_max=settings.retries_max,
+        free_distance_m=settings.free_distance_m,
+        back_out_m=settings.back_out_m,
+    )

@@ -33,6 +33,25 @@ class TractionSettings:
             "soil_flow: largest slip allowed; s_max alone grows with sinkage, 0.45 leaves it alone", 0.01, 0.45
         ),
     )
+    caution_slip_cap: float = field(
+        default=0.2, metadata=_tunable("soil_flow: largest slip allowed while the forecast says CAUTION", 0.01, 0.45)
+    )
+    acts_on_forecast: bool = field(
+        default=True,
+        metadata={
+            "doc": "soil_flow: slow, stop and back out when the halting forecast says so; false: only report it",
+            "tunable": True,
+        },
+    )
+    back_out_m: float = field(
+        default=2.5, metadata=_tunable("way driven back after a stop by forecast [m], 0 = stay and HALT", 0.0, 100.0)
+    )
+    return_z_max: float = field(
+        default=0.0,
+        metadata=_tunable(
+            "halting score of the way back at which the rover goes no further, 0 = off, 1.5 = cautious", 0.0, 100.0
+        ),
+    )
     slip_limit: float = field(default=0.3, metadata=_tunable("slip_limit policy: largest slip allowed", 0.01, 0.95))
     angle_threshold_rad: float = field(
         default=0.75, metadata=_tunable("angle_threshold policy: entry angle that slows [rad]", 0.0, 1.6)
@@ -46,7 +65,17 @@ class TractionSettings:
     stall_progress_m: float = field(
         default=0.02, metadata=_tunable("way of the body that counts as progress [m]", 0.001, 1.0)
     )
+    probe_rim_travel_m: float = field(
+        default=0.03,
+        metadata=_tunable(
+            "soil_flow: as stall_rim_travel_m, once under way and in a retry; progress in proportion [m]", 0.01, 10.0
+        ),
+    )
     wait_s: float = field(default=8.0, metadata=_tunable("standing time after a stall [s]", 0.0, 3600.0))
+    wait_growth: float = field(
+        default=1.0,
+        metadata=_tunable("soil_flow: each further wait is so many times as long as the one before", 1.0, 4.0),
+    )
     retries_max: int = field(default=3, metadata=_tunable("attempts after a stall before HALT", 0, 100))
     free_distance_m: float = field(
         default=0.5, metadata=_tunable("way after which a stall is over and retries start anew [m]", 0.0)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from missions.forecast_colours import FORECAST_COLOURS
 from missions.mode_colours import MODE_COLOURS
 from missions.report.charts import (
     BODY_COLOUR,
@@ -13,10 +14,12 @@ from missions.report.charts import (
     THIRD_COLOUR,
     Chart,
     Trace,
+    band,
     level,
     line,
     packed,
     wheel_bands,
+    wheel_levels,
     wheel_lines,
 )
 from missions.report.drive_facts import DriveFacts, WheelSeries, contact_status
@@ -24,6 +27,7 @@ from missions.report.recording import Recording
 from missions.report.site_map import SiteMap
 from missions.report.topic_rows import EFFORT, VELOCITY
 from missions.summary import BURIED_ZONE_DEG
+from soil_flow_estimator.soil_state import ForecastVerdict
 from strap_rover import topics
 from strap_rover.arrays import FloatArray
 from strap_rover.topics import Topic
@@ -31,9 +35,11 @@ from strap_sensor_driver.contact_zone import FIRST_FAULT, ContactStatus
 from traction_controller.supervisor import TractionMode
 
 _SLIP_RANGE = (-0.3, 1.05)
+_SCORE_RANGE = (-4.0, 4.0)
 _FLOW_TOP, _MOST_FLOW_TOP = 3.0, 50.0
 """The flow ratio is drawn to where nearly all of it lies; a standing wheel's has no end."""
-_STANDING_MODES = (TractionMode.STALL, TractionMode.WAIT, TractionMode.RETRY, TractionMode.HALT, TractionMode.FAULT)
+_DRIVEN_AS_ASKED = (TractionMode.STANDBY, TractionMode.DRIVE, TractionMode.LIMIT)
+_STANDING_MODES = tuple(mode for mode in TractionMode if mode not in _DRIVEN_AS_ASKED)
 _MOST_SHADES = 200
 _STATUS_COLUMNS = 600
 _STATUS_KINDS: Mapping[str, str] = MappingProxyType(
@@ -127,13 +133,16 @@ def soil_charts(recording: Recording, facts: DriveFacts) -> list[Chart]:
             recording,
             "de",
             "Deformability de [-]",
-            "0 is firm, 1 is soft; the band is one sigma. Known where the rover has stood.",
+            "0 is firm, 1 is soft; the band is one sigma; dotted is the truth of a simulation.",
+            facts.true_de,
         ),
         _estimate(
             recording,
             "st",
             "Stickiness st [-]",
-            "0 to 1; the band is one sigma. A wide band that never narrows is what was assumed, not measured.",
+            "0 to 1; the band is one sigma, and never narrows where motor torque is not told. Dotted: the truth, where "
+            "the ground has one.",
+            facts.true_st,
         ),
         _chart(
             facts.flow_ratio,
@@ -153,10 +162,54 @@ def soil_charts(recording: Recording, facts: DriveFacts) -> list[Chart]:
     ]
 
 
+def forecast_charts(recording: Recording, facts: DriveFacts) -> list[Chart]:
+    """What lies ahead, as the front wheels found it; nothing where the bag has no forecast."""
+    row, span = topics.SOIL_STATE, (0.0, recording.duration_s)
+    score, margin, std = (recording.of_rover(row, name) for name in ("scout_z", "scout_margin", "scout_margin_std"))
+    if not facts.verdicts.any() or score is None:
+        return []
+    is_told, time_s = facts.verdicts != ForecastVerdict.NONE, recording.time_s(row)
+    scores = [line("ahead", time_s, np.where(is_told, score, np.nan), BODY_COLOUR)]
+    back = recording.of_rover(row, "scout_z_return")
+    if back is not None:
+        scores.append(line("way back", time_s, np.where(is_told, back, np.nan), OTHER_COLOUR, "5px,3px"))
+    verdicts = {
+        verdict.name: colour for verdict, colour in FORECAST_COLOURS.items() if (facts.verdicts == verdict).any()
+    }
+    charts = [
+        Chart(
+            "Halting forecast: score z [-]",
+            "Above 0 the pull to spare is spent, above 1 beyond its uncertainty; no probability. Behind it the verdict.",
+            scores,
+            _range(_SCORE_RANGE),
+            shapes=[*_verdict_bands(time_s, facts.verdicts), level(0.0, *span), level(1.0, *span)],
+            legend=verdicts,
+        )
+    ]
+    if margin is not None and std is not None:
+        known = is_told & np.isfinite(margin) & np.isfinite(std)
+        traces = [line("margin", time_s, np.where(known, margin, np.nan), BODY_COLOUR)]
+        if known.any():
+            traces.insert(0, band(time_s[known], margin[known], std[known], BODY_COLOUR))
+        disturbance = recording.of_rover(row, "scout_disturbance")
+        if disturbance is not None:
+            traces.append(line("held back by", time_s, np.where(is_told, disturbance, np.nan), OTHER_COLOUR))
+        charts.append(
+            Chart(
+                "Pull to spare once all wheels stand in what the front ones met [N]",
+                "The band is one sigma; below 0 the rover would halt. Held back by: what is neither soil nor slope.",
+                traces,
+                shapes=[level(0.0, *span)],
+            )
+        )
+    return charts
+
+
 def margin_charts(recording: Recording, facts: DriveFacts) -> list[Chart]:
     """Room to the limits."""
     span = (0.0, recording.duration_s)
     return [
+        *forecast_charts(recording, facts),
         _chart(
             facts.slip_margin,
             "Room to the slip limit [-]",
@@ -299,10 +352,35 @@ def _flow_top(ratio: WheelSeries | None) -> float:
     return float(np.clip(1.1 * np.percentile(known, 90), _FLOW_TOP, _MOST_FLOW_TOP)) if known.size else _FLOW_TOP
 
 
-def _estimate(recording: Recording, quantity: str, title: str, reading: str) -> Chart:
+def _estimate(recording: Recording, quantity: str, title: str, reading: str, truth: WheelSeries | None) -> Chart:
     row = topics.SOIL_STATE
     values, std = recording.of_wheels(row, quantity), recording.of_wheels(row, f"{quantity}_std")
-    return Chart(title, reading, wheel_bands(recording.wheels, recording.time_s(row), values, std), _range((0.0, 1.0)))
+    traces = wheel_bands(recording.wheels, recording.time_s(row), values, std)
+    if traces and truth is not None:
+        traces += wheel_levels(truth.wheels, truth.time_s, truth.values)
+    return Chart(title, reading, traces, _range((0.0, 1.0)))
+
+
+def _verdict_bands(time_s: FloatArray, verdicts: FloatArray) -> list[dict[str, Any]]:
+    """Plotly shapes behind a chart: the verdict's colour while it held."""
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(verdicts)) + 1])
+    ends = np.concatenate([time_s[starts[1:]], time_s[-1:]])
+    return [
+        {
+            "type": "rect",
+            "xref": "x",
+            "yref": "paper",
+            "x0": round(float(time_s[start]), 3),
+            "x1": round(float(end), 3),
+            "y0": 0,
+            "y1": 1,
+            "fillcolor": FORECAST_COLOURS[ForecastVerdict(int(verdicts[start]))],
+            "opacity": 0.35,
+            "line": {"width": 0},
+            "layer": "below",
+        }
+        for start, end in zip(starts, ends, strict=True)
+    ][:_MOST_SHADES]
 
 
 def _range(limits: tuple[float, float]) -> dict[str, Any]:

@@ -39,8 +39,10 @@ MODE_WORDS: Mapping[TractionMode, str] = MappingProxyType(
         TractionMode.STALL: "wheels turned and the rover did not: stopping them",
         TractionMode.WAIT: "standing, so that the load may pass",
         TractionMode.RETRY: "driving again after a stall",
-        TractionMode.HALT: "stalled once too often: stands until it is reset",
+        TractionMode.HALT: "could not go on: stands until it is reset",
         TractionMode.FAULT: "an input was late or faulty: stood until it was back",
+        TractionMode.FORECAST_STOP: "the forecast said that going on ends badly: stopping",
+        TractionMode.BACK_OUT: "driving back by the way it came",
     }
 )
 FAULT_WORDS: Mapping[Fault, str] = MappingProxyType(
@@ -62,6 +64,7 @@ def story(recording: Recording, facts: DriveFacts) -> tuple[str, ...]:
         for text in (
             _ending(recording, facts),
             _wheels(facts),
+            _forecast(facts),
             _supervisor(facts),
             _straps(facts),
         )
@@ -126,6 +129,17 @@ def _wheels(facts: DriveFacts) -> str:
             f"The least room to the slip limit was {at(margin, '', 2)}"
             + (": the limit was passed." if margin.value < 0.0 else ".")
         )
+    return " ".join(parts)
+
+
+def _forecast(facts: DriveFacts) -> str:
+    if facts.forecast_peak is None:
+        return ""
+    score, at_s = facts.forecast_peak
+    when = "never" if facts.forecast_stop_s is None else f"first at {facts.forecast_stop_s:.1f} s"
+    parts = [f"The halting forecast said STOP {when}; its score was highest with {score:.2f} at {at_s:.1f} s."]
+    if facts.verdict_at_end is not None:
+        parts.append(f"At the end it said {facts.verdict_at_end.name}.")
     return " ".join(parts)
 
 

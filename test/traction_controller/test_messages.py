@@ -47,7 +47,7 @@ def test_values_stand_under_the_names_of_the_contract():
 @pytest.mark.parametrize(
     ("name", "value", "problem"),
     [
-        ("state", 8.0, "state is 8, which is no TractionMode; known are 0 to 7: sender and receiver"),
+        ("state", 10.0, "state is 10, which is no TractionMode; known are 0 to 9: sender and receiver"),
         ("state", -1.0, "state is -1, which is no TractionMode"),
         ("state", 1.5, "state is 1.5, which is no TractionMode"),
         ("state", float("nan"), "state is nan, which is no TractionMode"),

@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from soil_flow_estimator.messages import SoilMessages
-from soil_flow_estimator.soil_state import SoilState
+from soil_flow_estimator.soil_state import ForecastVerdict, SoilState
 from strap_rover import topics
 from strap_rover.ros_shell import telemetry_messages as telemetry
 from strap_rover.ros_shell.health import HealthLevel
@@ -199,6 +199,26 @@ def test_an_input_that_stops_is_a_fault_in_words(bench):
     assert (values["mode"], values["fault"]) == ("FAULT", "SENSOR_LATE")
     assert "complaints" not in values
     assert list(bench.heard["wheel_commands"][-1].data) == [0.0] * 6
+
+
+def test_a_stop_by_forecast_is_a_warning_that_says_why_and_its_end_an_error(ros_context, wait_until):
+    bench = Bench(ros_context, wait_until, TractionParameters(free_distance_m=0.0, acceleration_limit_radps2=0.0))
+    told = {}
+    for index in range(1, 9):
+        records = inputs(10 * MS * index, -0.05 * index, 0.4 if index < 4 else -0.4)
+        if index > 2:
+            records["soil_state"] = replace(records["soil_state"], scout_verdict=int(ForecastVerdict.STOP))
+        if index == 7:
+            bench.node.set_parameters([Parameter("back_out_m", value=0.001)])
+        bench.feed(messages(records))
+        bench.tick(10 * MS * index)
+        status = bench.diagnostics()["traction_controller: traction"]
+        told[bench.state.state] = (status.level, status.message)
+    stopped = "the soil ahead would halt the rover"
+    assert told[TractionMode.FORECAST_STOP] == (bytes([HealthLevel.WARN]), stopped)
+    assert told[TractionMode.BACK_OUT] == (bytes([HealthLevel.WARN]), f"{stopped}: backing out")
+    ended = f"{stopped}: backed out; choose another way, then call ~/reset"
+    assert told[TractionMode.HALT] == (bytes([HealthLevel.ERROR]), ended)
 
 
 @pytest.mark.parametrize("late_tick_ms", [140, 150])

@@ -1,3 +1,5 @@
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 
@@ -8,11 +10,12 @@ from traction_controller.supervisor import (
     Situation,
     StallWatch,
     Supervisor,
+    SupervisorLimits,
     TractionMode,
     transition,
 )
 
-STANDBY, DRIVE, LIMIT, STALL, WAIT, RETRY, HALT, FAULT = TractionMode
+STANDBY, DRIVE, LIMIT, STALL, WAIT, RETRY, HALT, FAULT, FORECAST_STOP, BACK_OUT = TractionMode
 
 # What each mode does when exactly one thing is true, besides "clear" and "unlimited". Everything else: it stays.
 EXPECTED = {
@@ -21,9 +24,15 @@ EXPECTED = {
     (DRIVE, "faulted"): FAULT,
     (DRIVE, "stalled"): STALL,
     (DRIVE, "limited"): LIMIT,
+    (DRIVE, "halts_ahead"): FORECAST_STOP,
+    (DRIVE, "no_way_back"): FORECAST_STOP,
+    (DRIVE, "slips"): STALL,
     (LIMIT, "held"): STANDBY,
     (LIMIT, "faulted"): FAULT,
     (LIMIT, "stalled"): STALL,
+    (LIMIT, "halts_ahead"): FORECAST_STOP,
+    (LIMIT, "no_way_back"): FORECAST_STOP,
+    (LIMIT, "slips"): STALL,
     (STALL, "held"): STANDBY,
     (STALL, "standing"): WAIT,
     (WAIT, "held"): STANDBY,
@@ -32,9 +41,19 @@ EXPECTED = {
     (RETRY, "faulted"): FAULT,
     (RETRY, "stalled"): STALL,
     (RETRY, "free"): DRIVE,
+    (RETRY, "halts_ahead"): FORECAST_STOP,
+    (RETRY, "no_way_back"): FORECAST_STOP,
+    (RETRY, "slips"): STALL,
     (FAULT, "held"): STANDBY,
+    (FAULT, "turned_back"): BACK_OUT,
+    (FORECAST_STOP, "held"): STANDBY,
+    (FORECAST_STOP, "standing"): HALT,  # unless it is to back out
+    (BACK_OUT, "held"): STANDBY,
+    (BACK_OUT, "faulted"): FAULT,
+    (BACK_OUT, "stalled"): HALT,
+    (BACK_OUT, "backed_out"): HALT,
 }
-FLAGS = ("held", "ready", "faulted", "stalled", "standing", "waited", "exhausted", "free", "limited")
+FLAGS = tuple(item.name for item in fields(Situation))
 
 
 @pytest.mark.parametrize("mode", list(TractionMode))
@@ -58,6 +77,16 @@ def test_every_mode_under_every_single_condition(mode, flag):
         (RETRY, {"stalled", "free"}, STALL),
         (STALL, {"standing", "exhausted"}, HALT),
         (FAULT, {"faulted", "held"}, STANDBY),
+        (DRIVE, {"faulted", "halts_ahead", "no_way_back", "slips"}, FAULT),
+        (LIMIT, {"halts_ahead", "stalled", "limited"}, FORECAST_STOP),  # waiting does not make soil firmer
+        (RETRY, {"no_way_back", "slips", "free"}, FORECAST_STOP),
+        (RETRY, {"slips", "free"}, STALL),
+        (STANDBY, {"ready", "turned_back"}, FORECAST_STOP),
+        (FAULT, {"held", "turned_back"}, STANDBY),
+        (FORECAST_STOP, {"standing", "backs_out"}, BACK_OUT),
+        (FORECAST_STOP, {"standing", "backs_out", "held"}, STANDBY),
+        (BACK_OUT, {"held", "backed_out"}, STANDBY),
+        (BACK_OUT, {"faulted", "stalled", "backed_out"}, FAULT),
     ],
 )
 def test_the_graver_condition_wins(mode, flags, to):
@@ -82,11 +111,18 @@ def test_only_a_clear_rover_leaves_a_standing_mode_for_a_driving_one():
         assert row is None or row.to not in DRIVING_MODES
 
 
+LIMITS = SupervisorLimits(wait_s=8.0, wait_growth=1.0, retries_max=3, free_distance_m=0.5, back_out_m=2.5)
+
+
 class Driver:
     """Feeds a supervisor 0.1 s steps."""
 
     def __init__(self, **kwargs):
-        self.supervisor = Supervisor(**{"wait_s": 8.0, "retries_max": 3, "free_distance_m": 0.5, **kwargs})
+        self.limits = replace(LIMITS, **kwargs)
+        self.supervisor = Supervisor(self.limits)
+
+    def retune(self, **kwargs):
+        self.supervisor.retune(replace(self.limits, **kwargs))
 
     def step(self, step_ns=100_000_000, **kwargs):
         facts = {
@@ -144,7 +180,7 @@ def test_tuned_limits_hold_for_what_goes_on():
     driver.step(standing=True)
     for _ in range(20):
         assert driver.step() is WAIT
-    driver.supervisor.retune(2.0, 1, 0.3)
+    driver.retune(wait_s=2.0, retries_max=1, free_distance_m=0.3)
     assert driver.step() is RETRY
     assert driver.step(advance_m=0.29) is RETRY
     driver.step(stalled=True)
@@ -198,6 +234,122 @@ def test_nothing_asked_or_an_input_missing_is_standby():
     assert driver.step(fault=Fault.ODOMETRY_LATE) is STANDBY
     assert driver.step(held=True) is STANDBY
     assert driver.step() is DRIVE
+
+
+def test_each_wait_is_longer_by_its_growth_until_the_rover_is_free():
+    driver = Driver(wait_s=2.0, wait_growth=1.5)
+    driver.step()
+    assert [driver.stall_and_wait() for _ in range(3)] == [20, 30, 45]
+    driver.step(advance_m=0.6)
+    driver.step()
+    assert driver.stall_and_wait() == 20
+
+
+def test_what_is_foreseen_counts_once_the_free_distance_is_made_since_the_last_standing():
+    for foreseen, to in (("halts_ahead", FORECAST_STOP), ("no_way_back", FORECAST_STOP), ("slips", STALL)):
+        driver = Driver()
+        driver.step()
+        assert driver.step(advance_m=0.49, **{foreseen: True}) is DRIVE
+        assert driver.step(held=True) is STANDBY
+        assert driver.step() is DRIVE
+        assert driver.step(advance_m=0.49, **{foreseen: True}) is DRIVE
+        driver.supervisor.turn_around()
+        assert driver.step(advance_m=0.49, **{foreseen: True}) is DRIVE
+        assert driver.step(stalled=True) is STALL
+        driver.step(standing=True)
+        while driver.step() is not RETRY:
+            pass
+        assert driver.step(advance_m=0.49, **{foreseen: True}) is RETRY
+        assert driver.step(advance_m=0.02, **{foreseen: True}) is to
+
+
+def stopped_by(foreseen="halts_ahead", **limits):
+    """Stopped by forecast under way."""
+    driver = Driver(**limits)
+    driver.step()
+    assert driver.step(advance_m=1.0, **{foreseen: True}) is FORECAST_STOP
+    return driver
+
+
+@pytest.mark.parametrize(
+    ("foreseen", "why"),
+    [
+        ("halts_ahead", "the soil ahead would halt the rover"),
+        ("no_way_back", "the way back would not be climbable"),
+    ],
+)
+def test_a_stop_by_forecast_backs_out_as_far_as_set_and_says_why_all_along(foreseen, why):
+    driver = stopped_by(foreseen)
+    supervisor = driver.supervisor
+    assert (supervisor.reason, supervisor.forecast_stops) == (why, 1)
+    assert driver.step() is FORECAST_STOP  # the wheels still turn
+    assert driver.step(standing=True, fault=Fault.ODOMETRY_LATE) is FORECAST_STOP  # nor is it blind that it starts
+    assert not supervisor.is_backing
+    assert driver.step(standing=True) is BACK_OUT
+    assert supervisor.is_backing
+    assert supervisor.reason == f"{why}: backing out"
+    assert driver.step(advance_m=2.49) is BACK_OUT
+    assert driver.step(advance_m=0.02) is HALT
+    assert supervisor.reason == f"{why}: backed out; choose another way, then call ~/reset"
+    assert not supervisor.has_turned_back
+    for _ in range(100):
+        assert driver.step(standing=True) is HALT
+    supervisor.reset()
+    assert driver.step() is DRIVE
+
+
+def test_where_it_is_not_to_back_out_it_stays():
+    driver = stopped_by(back_out_m=0.0)
+    assert driver.step() is FORECAST_STOP
+    assert driver.step(standing=True) is HALT
+    assert driver.supervisor.reason.startswith("the soil ahead would halt the rover: choose another way")
+
+
+def test_backing_out_that_does_not_move_the_rover_ends_it():
+    driver = stopped_by()
+    driver.step(standing=True)
+    assert driver.step(stalled=True) is HALT
+    assert driver.supervisor.reason.startswith("the soil ahead would halt the rover: backing out does not move it")
+    assert driver.supervisor.stalls == 0
+
+
+@pytest.mark.parametrize("interruption", ["fault", "hold"])
+def test_an_interrupted_way_back_goes_on_where_it_was(interruption):
+    driver = stopped_by()
+    driver.step(standing=True)
+    driver.step(advance_m=1.5)
+    if interruption == "fault":
+        assert driver.step(fault=Fault.SENSOR_LATE) is FAULT
+        assert driver.step(fault=Fault.SENSOR_LATE) is FAULT
+        assert driver.supervisor.is_backing
+    else:
+        assert driver.step(held=True) is STANDBY
+        assert driver.step(held=True) is STANDBY
+        assert driver.step() is FORECAST_STOP
+        driver.step(standing=False)
+    assert driver.step(standing=True) is BACK_OUT
+    assert driver.step(advance_m=0.9) is BACK_OUT
+    assert driver.step(advance_m=0.2) is HALT
+    assert driver.supervisor.forecast_stops == 1
+
+
+def test_a_hold_during_the_stop_does_not_make_it_go_on():
+    driver = stopped_by()
+    assert driver.step(held=True) is STANDBY
+    assert driver.step(standing=True) is FORECAST_STOP
+    assert driver.step(standing=True) is BACK_OUT
+
+
+def test_a_reset_forgets_the_stop():
+    driver = stopped_by()
+    driver.step(standing=True)
+    driver.step(advance_m=2.0)
+    driver.supervisor.reset()
+    assert (driver.supervisor.is_backing, driver.supervisor.has_turned_back) == (False, False)
+    assert driver.step() is DRIVE
+    driver.step(advance_m=1.0, halts_ahead=True)
+    driver.step(standing=True)
+    assert driver.step(advance_m=2.0) is BACK_OUT  # the whole way anew
 
 
 def watch():

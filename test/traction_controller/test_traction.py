@@ -1,12 +1,12 @@
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soil_flow_estimator.soil_state import SoilState, SoilStatus
+from soil_flow_estimator.soil_state import ForecastVerdict, SoilState, SoilStatus
 from strap_rover.rover import load_rover
 from strap_rover.telemetry import BodyMotion, SpeedRequest, WheelStates
 from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus
@@ -34,6 +34,7 @@ class Bench:
         self.status = np.zeros(6, dtype=np.int64)
         self.asked = 0.5
         self.slip_max = None
+        self.verdict, self.z_return = ForecastVerdict.NONE, 0.0
         self.silent = set()
         self.lead_ns = {}
 
@@ -52,7 +53,8 @@ class Bench:
         if "request" not in self.silent:
             c.feed_speed_request(SpeedRequest(self.stamp("request"), self.asked))
         if "soil" not in self.silent and self.slip_max is not None:
-            c.feed_soil_state(soil_state(self.stamp("soil"), self.slip_max))
+            soil = soil_state(self.stamp("soil"), self.slip_max)
+            c.feed_soil_state(replace(soil, scout_verdict=int(self.verdict), scout_z_return=self.z_return))
         return c.tick(self.now_ns)
 
     def stamp(self, name):
@@ -605,6 +607,291 @@ def test_bad_records_are_counted_and_not_used():
     assert output.state.fault is Fault.NONE
 
 
+# The forecast, acted on. `bench.speed` and `bench.omega` are what the rover does, whatever it is told.
+FORECAST_STOP, BACK_OUT, HALT = TractionMode.FORECAST_STOP, TractionMode.BACK_OUT, TractionMode.HALT
+ONWARD = {TractionMode.DRIVE, TractionMode.LIMIT}
+
+
+def warned(verdict=ForecastVerdict.STOP, sign=1.0, **settings):
+    """Under way when the forecast speaks; the tick on which it is heard."""
+    bench = driving(sign=sign, **settings)
+    bench.verdict = verdict
+    return bench, bench.tick()
+
+
+def backing(sign=1.0, **settings):
+    """On its way back at 0.4 m/s, just started."""
+    bench, _ = warned(sign=sign, **settings)
+    bench.speed = 0.0
+    for _ in range(200):
+        if bench.tick().state.state is BACK_OUT:
+            break
+    bench.speed = sign * -0.4
+    return bench
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_halt_foreseen_is_a_ramp_to_zero_then_the_way_back_then_an_end_that_says_why(sign):
+    bench, heard = warned(sign=sign)
+    assert heard.state.state is FORECAST_STOP
+    assert heard.commands.speed == pytest.approx(sign * 1.98 * ONES)
+    stopped = bench.run(0.98)
+    assert stopped.commands.speed == pytest.approx(sign * 0.02 * ONES)
+    bench.speed = 0.0
+    assert not bench.tick().commands.speed.any()
+    assert bench.tick().state.state is BACK_OUT
+    bench.speed = sign * -0.4
+    back = bench.run(6.2)  # 2.48 m
+    assert back.state.state is BACK_OUT
+    assert back.commands.speed == pytest.approx(sign * -2.0 * ONES)
+    ended = bench.run(0.1)
+    assert ended.state.state is HALT
+    assert bench.controller.health().reason == (
+        "the soil ahead would halt the rover: backed out; choose another way, then call ~/reset"
+    )
+    assert bench.controller.health().forecast_stops == 1
+    assert not bench.run(1.5).commands.speed.any()
+    assert bench.run(2.0).state.state is HALT
+    bench.controller.reset()
+    assert bench.run(0.1).state.state in ONWARD
+
+
+def test_on_the_way_back_the_rear_end_of_the_contact_is_the_entry_and_the_slip_cap_holds():
+    bench = backing(v_creep_mps=0.0)
+    bench.speed, bench.theta_1, bench.theta_2 = -0.2, np.deg2rad(5.0) * ONES, np.deg2rad(-30.0) * ONES
+    back = bench.run(2.0)
+    assert back.state.omega_min == pytest.approx(0.923760 * ONES, abs=1e-6)
+    assert back.commands.speed == pytest.approx(-1.086603 * ONES, abs=1e-6)
+
+
+def test_without_a_way_back_it_stays_where_it_stopped():
+    bench, _ = warned(back_out_m=0.0)
+    assert bench.run(1.2).state.state is HALT
+    assert bench.controller.health().reason == (
+        "the soil ahead would halt the rover: choose another way, then call ~/reset"
+    )
+
+
+def test_a_way_back_that_does_not_move_the_rover_ends_in_a_tenth_of_a_metre_of_rim():
+    bench = backing()
+    bench.speed, bench.omega = 0.0, -2.0 * ONES
+    assert bench.run(0.19).state.state is BACK_OUT
+    assert bench.run(0.04).state.state is HALT
+    assert "backing out does not move it" in bench.controller.health().reason
+    assert not bench.run(1.0).commands.speed.any()
+
+
+@pytest.mark.parametrize(("silent", "timeout_s", "fault"), LATE_AND_STOP)
+def test_on_the_way_back_a_fault_stops_at_once_and_the_way_back_goes_on_after_it(silent, timeout_s, fault):
+    bench = backing()
+    bench.run(3.0)
+    late = silent_until_late(bench, silent, timeout_s)
+    assert (late.state.fault, late.state.state) == (fault, TractionMode.FAULT)
+    assert late.commands.speed.tobytes() == np.zeros(6).tobytes()
+    bench.silent = set()
+    output = bench.run(0.5)
+    assert output.state.state is BACK_OUT
+    assert (output.commands.speed < -0.5).all()
+
+
+def test_an_input_that_drops_out_again_and_again_does_not_hide_a_stall_on_the_way_back():
+    bench = backing()
+    bench.speed = 0.0
+    start = bench.angle[0]
+    for tick in range(2000):
+        bench.silent = {"angles"} if (0.01 * tick) % 0.6 < 0.2 else set()
+        output = bench.tick()
+        bench.omega = output.commands.speed
+        if output.state.state is HALT:
+            break
+    assert output.state.state is HALT
+    assert (start - bench.angle[0]) * ROVER.wheels[0].radius_m < 0.12
+
+
+def test_hold_holds_on_the_way_back_and_the_rover_does_not_drive_on_after_it():
+    bench = backing()
+    bench.run(3.0)
+    bench.controller.hold(True)
+    assert bench.run(1.2).state.state is TractionMode.STANDBY
+    bench.speed = 0.0
+    assert not bench.tick().commands.speed.any()
+    bench.controller.hold(False)
+    assert bench.tick().state.state is FORECAST_STOP
+    output = bench.run(0.5)
+    assert output.state.state is BACK_OUT
+    assert (output.commands.speed < 0.0).all()
+
+
+def test_on_the_way_back_the_operator_says_how_fast_and_whether_but_not_where_to():
+    bench = backing()
+    bench.asked = -0.3
+    assert bench.run(1.0).commands.speed == pytest.approx(-1.2 * ONES)
+    bench.asked = 0.0
+    assert not bench.run(1.0).commands.speed.any()
+    bench.asked = 0.3
+    assert bench.run(1.0).commands.speed == pytest.approx(-1.2 * ONES)
+    bench.silent = {"request"}
+    assert bench.run(0.6).state.state is TractionMode.FAULT
+    assert not bench.run(1.0).commands.speed.any()
+    bench.silent = set()
+    assert (bench.run(1.0).commands.speed < 0.0).all()
+
+
+def test_after_the_end_the_operator_s_own_way_back_needs_a_reset():
+    bench, _ = warned(back_out_m=0.0)
+    bench.speed = 0.0
+    bench.run(1.2)
+    bench.asked = -0.5
+    assert not bench.run(1.0).commands.speed.any()
+    bench.controller.reset()
+    bench.speed = -0.45  # what was foreseen was foreseen for the way ahead
+    assert (bench.run(1.0).commands.speed < 0.0).all()
+
+
+def test_what_is_still_foreseen_after_a_reset_stops_the_rover_again_once_it_is_under_way():
+    bench, _ = warned(back_out_m=0.0)
+    bench.run(1.2)
+    bench.controller.reset()
+    assert bench.run(0.95).state.state in ONWARD  # 0.475 m
+    assert bench.run(0.1).state.state is FORECAST_STOP
+
+
+def test_wheels_that_slip_away_under_way_are_a_stall_at_once_and_it_waits_and_tries_again():
+    bench, heard = warned(ForecastVerdict.SLIPPING)
+    assert heard.state.state is TractionMode.STALL
+    bench.speed = 0.0
+    assert bench.run(1.2).state.state is TractionMode.WAIT
+    assert bench.run(8.1).state.state is TractionMode.RETRY  # not under way: a start slips
+    assert bench.controller.health().stalls == 1
+
+
+def test_a_start_may_slip():
+    bench = Bench()
+    bench.slip_max, bench.verdict, bench.speed = 0.45, ForecastVerdict.SLIPPING, 0.5
+    assert bench.run(0.95).state.state in ONWARD
+    assert bench.run(0.1).state.state is TractionMode.STALL
+
+
+@pytest.mark.parametrize("verdict", [ForecastVerdict.NONE, ForecastVerdict.CLEAR, ForecastVerdict.SNAG])
+def test_no_other_verdict_changes_anything(verdict):
+    bench, _ = warned(verdict)
+    assert bench.run(5.0).state.state in ONWARD
+    assert bench.tick().commands.speed == pytest.approx(2.0 * ONES)
+
+
+def cautious(*verdicts, **settings):
+    """The upper end at 0.2 m/s, under way, after these soil states."""
+    bench = driving(v_creep_mps=0.0, **settings)
+    bench.speed, bench.theta_1 = 0.2, np.deg2rad(60.0) * ONES
+    for verdict in verdicts:
+        bench.verdict = verdict
+        output = bench.tick()
+    return output.state.omega_max[0] * 0.25
+
+
+def test_caution_that_is_said_twice_running_lowers_the_slip_cap():
+    caution, clear = ForecastVerdict.CAUTION, ForecastVerdict.CLEAR
+    assert cautious(caution) == pytest.approx(0.2 / 0.7)
+    assert cautious(caution, clear, caution) == pytest.approx(0.2 / 0.7)
+    assert cautious(caution, caution) == pytest.approx(0.2 / 0.8)
+    assert cautious(caution, caution, clear) == pytest.approx(0.2 / 0.7)
+    assert cautious(caution, caution, caution_slip_cap=0.1) == pytest.approx(0.2 / 0.9)
+    assert cautious(caution, caution, slip_cap=0.15) == pytest.approx(0.2 / 0.85)  # the tighter one holds
+
+
+def test_a_gap_in_the_soil_states_ends_what_was_said_running():
+    bench = driving(v_creep_mps=0.0)
+    bench.speed, bench.theta_1 = 0.2, np.deg2rad(60.0) * ONES
+    bench.verdict = ForecastVerdict.CAUTION
+    bench.tick()
+    bench.silent = {"soil"}
+    assert bench.run(0.3).state.fault is Fault.SOIL_STATE_LATE
+    bench.silent = set()
+    assert bench.tick().state.omega_max[0] * 0.25 == pytest.approx(0.2 / 0.7)
+    assert bench.tick().state.omega_max[0] * 0.25 == pytest.approx(0.2 / 0.8)
+
+
+def test_where_the_way_back_would_not_be_climbable_it_goes_no_further():
+    bench = driving(return_z_max=1.5)
+    bench.z_return = 1.5
+    assert bench.run(1.0).state.state in ONWARD
+    bench.z_return = 1.51
+    assert bench.tick().state.state in ONWARD
+    bench.z_return = 1.4
+    assert bench.tick().state.state in ONWARD
+    bench.z_return = 1.51
+    assert bench.tick().state.state in ONWARD
+    assert bench.tick().state.state is FORECAST_STOP
+    bench.speed = 0.0
+    assert bench.run(1.5).state.state is BACK_OUT
+    bench.speed = -0.5
+    assert bench.run(5.2).state.state is HALT
+    assert bench.controller.health().reason == (
+        "the way back would not be climbable: backed out; choose another way, then call ~/reset"
+    )
+
+
+def test_the_way_back_is_looked_at_only_where_that_is_asked_for():
+    bench = driving()
+    bench.z_return = 99.0
+    assert bench.run(3.0).state.state in ONWARD
+
+
+@pytest.mark.parametrize("verdict", list(ForecastVerdict))
+@pytest.mark.parametrize("settings", [{"acts_on_forecast": False}, {"policy": "slip_limit"}, {"policy": "constant"}])
+def test_a_forecast_that_is_not_to_be_acted_on_is_not(verdict, settings):
+    bench = driving(return_z_max=1.0, **settings)
+    before = bench.tick()
+    bench.verdict, bench.z_return = verdict, 5.0
+    after = bench.run(2.0)
+    assert after.state.state is before.state.state
+    assert after.commands.speed.tobytes() == before.commands.speed.tobytes()
+
+
+def rim_until_stall(bench):
+    """Rim travel [m] with the body standing until the stall is called."""
+    stalls, start = bench.controller.health().stalls, bench.angle[0]
+    bench.speed, bench.omega = 0.0, 0.5 * ONES
+    for _ in range(200):
+        if bench.controller.health().stalls > stalls:
+            break
+        bench.tick()
+    bench.omega = 0.0 * ONES
+    return (bench.angle[0] - start) * 0.25
+
+
+def test_under_way_and_in_a_retry_a_stall_is_called_sooner_than_at_a_start():
+    step = 0.5 * 0.01 * 0.25  # and the watch starts with the first tick
+    start = Bench(wait_s=0.1)
+    assert rim_until_stall(start) == pytest.approx(0.1, abs=3 * step)
+    start.run(1.0)
+    assert rim_until_stall(start) == pytest.approx(0.03, abs=3 * step)
+    assert rim_until_stall(driving()) == pytest.approx(0.03, abs=0.03)
+    assert rim_until_stall(driving(probe_rim_travel_m=0.07)) == pytest.approx(0.07, abs=3 * step)
+    assert rim_until_stall(driving(probe_rim_travel_m=0.5)) == pytest.approx(0.1, abs=3 * step)
+    assert rim_until_stall(driving("slip_limit")) == pytest.approx(0.1, abs=3 * step)
+
+
+def test_a_probe_asks_for_progress_in_proportion():
+    bench = driving()
+    bench.omega, bench.speed = 0.5 * ONES, 0.5 * 0.25 * 0.22
+    assert bench.run(5.0).state.state in ONWARD
+    bench.speed = 0.5 * 0.25 * 0.15
+    bench.run(1.0)
+    assert bench.controller.health().stalls == 1
+
+
+@pytest.mark.parametrize(("policy", "waits"), [("soil_flow", [1.0, 2.0, 4.0]), ("slip_limit", [1.0, 1.0, 1.0])])
+def test_only_the_soil_flow_policy_waits_longer_each_time(policy, waits):
+    bench = Bench(policy=policy, wait_s=1.0, wait_growth=2.0)
+    waited = []
+    for _ in waits:
+        rim_until_stall(bench)
+        ticks = [bench.tick().state.state for _ in range(500)]
+        waited.append(0.01 * ticks.count(TractionMode.WAIT))
+    assert waited == pytest.approx(waits, abs=0.02)
+
+
 def test_settings_name_what_is_wrong():
     with pytest.raises(ValueError, match="policy"):
         TractionSettings(policy="magic")
@@ -617,12 +904,18 @@ BASE = {"wait_s": 0.3, "retries_max": 2, "v_creep_mps": 0.02, "free_distance_m":
 ROWS = [
     ("soil_flow", "v_creep_mps", 0.1),
     ("soil_flow", "slip_cap", 0.15),
+    ("soil_flow", "caution_slip_cap", 0.1),
+    ("soil_flow", "acts_on_forecast", False),
+    ("soil_flow", "back_out_m", 0.3),
+    ("soil_flow", "return_z_max", 1.5),
     ("slip_limit", "slip_limit", 0.1),
     ("angle_threshold", "angle_threshold_rad", 0.3),
     ("soil_flow", "acceleration_limit_radps2", 0.7),
     ("soil_flow", "stall_rim_travel_m", 0.03),
     ("soil_flow", "stall_progress_m", 0.002),
+    ("soil_flow", "probe_rim_travel_m", 0.06),
     ("soil_flow", "wait_s", 0.1),
+    ("soil_flow", "wait_growth", 2.0),
     ("soil_flow", "retries_max", 0),
     ("soil_flow", "free_distance_m", 0.02),
     ("soil_flow", "sensor_timeout_s", 1.0),
@@ -637,7 +930,7 @@ TUNABLE = [item.name for item in fields(TractionSettings) if item.metadata.get("
 
 
 def story(bench):
-    """Everything that can happen to a rover, in 8 s; what was sent on every tick."""
+    """Everything that can happen to a rover, in 13 s; what was sent on every tick."""
 
     def part(seconds, **changes):
         for name, value in changes.items():
@@ -657,6 +950,12 @@ def story(bench):
         part(0.3, speed=0.0, omega=2.0 * ONES)  # a stall
         part(1.0, speed=0.0, omega=0.0 * ONES)  # a wait, or HALT
         part(0.4, speed=0.25, omega=1.0 * ONES)  # free, if that is far enough
+    bench.controller.reset()
+    part(1.5, speed=0.5, omega=2.0 * ONES)
+    part(0.4, speed=0.2, verdict=ForecastVerdict.CAUTION)
+    part(0.2, verdict=ForecastVerdict.CLEAR, z_return=2.0)
+    part(0.5, verdict=ForecastVerdict.STOP, z_return=0.0, speed=0.0, omega=0.0 * ONES)
+    part(2.0, speed=-0.25)  # the way back
     return sent
 
 
@@ -696,12 +995,18 @@ def tunings(draw):
     ranges = {
         "v_creep_mps": number(0.0, 0.1),
         "slip_cap": number(0.05, 0.45),
+        "caution_slip_cap": number(0.05, 0.45),
+        "acts_on_forecast": st.booleans(),
+        "back_out_m": number(0.0, 1.0),
+        "return_z_max": st.sampled_from([0.0, 0.5, 3.0]),
         "slip_limit": number(0.05, 0.9),
         "angle_threshold_rad": number(0.0, 1.6),
         "acceleration_limit_radps2": st.sampled_from([0.0, 0.5, 2.0, 20.0]),
         "stall_rim_travel_m": number(0.01, 0.2),
         "stall_progress_m": number(0.001, 0.05),
+        "probe_rim_travel_m": number(0.01, 0.2),
         "wait_s": number(0.0, 0.5),
+        "wait_growth": number(1.0, 2.0),
         "retries_max": st.integers(0, 3),
         "free_distance_m": number(0.0, 0.3),
         "sensor_timeout_s": number(0.02, 0.5),
@@ -726,6 +1031,8 @@ PARTS = st.lists(
             "theta_1": st.sampled_from([0.1, 0.5, 0.9, 1.2]),
             "status": st.sampled_from([int(code) for code in ContactStatus]),
             "slip_max": st.sampled_from([None, 0.05, 0.45]),
+            "verdict": st.sampled_from(ForecastVerdict),
+            "z_return": st.sampled_from([-1.0, 1.0, 5.0]),
             "silent": st.sets(st.sampled_from(["angles", "odometry", "wheels", "request", "soil"]), max_size=2),
             "held": st.sampled_from([False, False, False, True]),
         }
@@ -742,6 +1049,7 @@ def played(bench, parts):
         bench.asked, bench.speed, bench.omega = part["asked"], part["speed"], part["omega"] * ONES
         bench.theta_1, bench.status = part["theta_1"] * ONES, np.array([part["status"], 0, 0, 0, 0, 0])
         bench.slip_max, bench.silent = part["slip_max"], part["silent"]
+        bench.verdict, bench.z_return = part["verdict"], part["z_return"]
         bench.controller.hold(part["held"])
         sent += [bench.tick() for _ in range(part["ticks"])]
     return sent
