@@ -153,11 +153,12 @@ class HaltingForecast:
         step_s: float,
         forwards: bool,
         limits: ForecastLimits,
+        judges: bool = True,
     ) -> Forecast:
         """The forecast after one more reading.
 
         Args:
-            states: of `SoilFilter`, shape (W, 20).
+            states: of `SoilFilter`, shape (W, 21).
             rim_speed: mean over the wheels, in the direction of travel [m/s].
             speed: of the body in the direction of travel [m/s].
             pitch: of the body, uphill positive in the direction of travel [rad].
@@ -166,6 +167,7 @@ class HaltingForecast:
             step_s: time since the last reading [s].
             forwards: whether the front wheels are ahead.
             limits: where verdicts begin.
+            judges: whether enough is known of the ground for a verdict.
         """
         rim = max(rim_speed, 0.0)
         rim_way = rim * step_s
@@ -196,7 +198,9 @@ class HaltingForecast:
         if rolls and rim > MOVING_RIM_MPS:
             self._readings += 1
         z = -margin / std
-        verdict = self._judge(z, rim, rim_way, limits) if self._readings >= LEARNING else ForecastVerdict.NONE
+        verdict = ForecastVerdict.NONE
+        if judges and self._readings >= LEARNING:
+            verdict = self._judge(z, rim, rim_way, limits)
         self._last = Forecast(margin, std, z, -margin_return / std, self._disturbance, verdict)
         return self._last
 
@@ -219,6 +223,8 @@ class HaltingForecast:
             self._halting = self._halting + 1 if z > limits.stop_z and not self._snag_rim_m else 0
             slips = self._slip > limits.slip_most and self._way > UNDER_WAY_M
             self._slipping = self._slipping + 1 if slips else 0
+        else:
+            self._slipping = 0
         if self._slipping >= RUNNING:
             return ForecastVerdict.SLIPPING
         if self._snag_rim_m:

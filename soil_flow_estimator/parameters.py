@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from soil_flow_estimator.soil_estimator import SoilEstimatorSettings
+from soil_flow_estimator.estimator_settings import SoilEstimatorSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """The core of the soil estimator: contact angles, encoders and odometry in, `SoilState` out.
 
 Deformability is read from the contact zone while a wheel stands or creeps, where shear is absent and the zone depends
-on de and the load alone. Stickiness does not show in the angles of a standing wheel and stays at its prior.
-Slip and soil flow follow at every tick.
+on de and the load alone. Rolling wheels tell deformability and, by their torque, stickiness (`rolling_soil`), and with
+these what lies ahead (`halting_forecast`). Slip and soil flow follow at every tick.
 
 Source: S. Ebrahimi, A. Mardani, K. Alipour, Robotica 2020. The paper's own rule, de = zone/100 deg, contradicts its
 Eq. 7 (a true 0.1 reads back as 0.27) and stays as the option `paper_linear`.
@@ -10,15 +10,17 @@ Eq. 7 (a true 0.1 reads back as 0.27) and stays as the option `paper_linear`.
 
 import functools
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from soil_flow_estimator.estimator_settings import SoilEstimatorSettings
+from soil_flow_estimator.rolling_soil import RollingSoil
+from soil_flow_estimator.soil_filter import PRIOR_MEAN, PRIOR_STD
 from soil_flow_estimator.soil_state import SoilState, SoilStatus
 from strap_rover.arrays import BoolArray, FloatArray, IntArray
 from strap_rover.rover import RoverDescription
-from strap_rover.settings import check_settings
 from strap_rover.telemetry import (
     BODY_MOTION_WORDS,
     CONTACT_ANGLES_WORDS,
@@ -41,9 +43,6 @@ from strap_rover.terramechanics.slip import REST_SPEED, slip_ratio
 from strap_rover.terramechanics.spiral_flow import SLIP_FLOOR, SLIP_VALID, mass_flow, slip_limit
 from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus, travel_angles
 
-PRIOR_MEAN = 0.5
-PRIOR_STD = 1.0 / math.sqrt(12.0)
-"""Mean and 1-sigma of de and st before anything is known: uniform on [0, 1]."""
 LEAST_DE_STD = 1e-3
 """Floor of the 1-sigma of a static de."""
 STEEPEST_ANGLE = 0.5 * math.pi
@@ -61,53 +60,6 @@ SUSPENSION_WORDS = InputWords("suspension is", "does the rover or sim_bridge sen
 
 _VALID, _PREDICTED = int(ContactStatus.VALID), int(ContactStatus.PREDICTED)
 _UNCONFIRMED = int(ContactStatus.UNCONFIRMED)
-
-
-def _tunable(doc: str, least: float, most: float) -> dict[str, Any]:
-    """Metadata of a setting that may change while the rover drives: it decides of readings to come, or scales."""
-    return {"doc": doc, "min": least, "max": most, "tunable": True}
-
-
-@dataclass(frozen=True, slots=True)
-class SoilEstimatorSettings:
-    """How the soil is estimated. Construction raises SettingsError, a ValueError, for a value out of range."""
-
-    # Not tunable: de of one rule and de of the other are different quantities, and a bag must not hold both.
-    deformability_rule: str = field(
-        default="inverse",
-        metadata={
-            "doc": "inverse: de whose static contact zone is the one measured; paper_linear: min(1, zone/100 deg)",
-            "choices": ("inverse", "paper_linear"),
-        },
-    )
-    standing_speed_radps: float = field(
-        default=0.02, metadata=_tunable("wheel speed below which a wheel stands [rad/s] (paper: 0.01)", 0.0, 1.0)
-    )
-    standing_travel_m: float = field(
-        default=0.01, metadata=_tunable("rim travel that starts a new average [m]", 0.001, 1.0)
-    )
-    readings_min: int = field(default=5, metadata=_tunable("readings before de is estimated", 1, 10000))
-    asymmetry_max: float = field(
-        default=0.2,
-        metadata=_tunable("largest |theta_1 + theta_2|/zone of a contact that counts as static", 0.0, 1.0),
-    )
-    angle_bias_std_rad: float = field(
-        default=0.006, metadata=_tunable("1-sigma of an angle's error that averaging leaves [rad]", 0.0, 0.5)
-    )
-    load_std_ratio: float = field(default=0.1, metadata=_tunable("1-sigma of a wheel's load, relative", 0.0, 1.0))
-    wheel_speed_std_radps: float = field(default=0.005, metadata=_tunable("1-sigma of encoder speed [rad/s]", 0.0, 1.0))
-    de_drift_per_sqrt_m: float = field(
-        default=0.16, metadata=_tunable("growth of de's 1-sigma with rim travel [1/sqrt(m)]", 0.0, 10.0)
-    )
-    soil_density_kgpm3: float = field(
-        default=1600.0, metadata=_tunable("bulk density of the soil [kg/m^3]", 100.0, 5000.0)
-    )
-    input_timeout_s: float = field(
-        default=0.2, metadata=_tunable("age of an input at which nothing is said [s]", 0.005, 10.0)
-    )
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +159,8 @@ class SoilEstimator:
         self._answered_ticks = 0
         self._late_ticks = 0
         self._static_readings = 0
+        self._rolling = RollingSoil(rover, settings)
+        self._filters = settings.deformability_rule == "inverse"
         self._know_nothing()
 
     def _know_nothing(self) -> None:
@@ -224,6 +178,7 @@ class SoilEstimator:
         self._de_angle = np.zeros(count)  # encoder where de was estimated
         self._st = np.full(count, PRIOR_MEAN)
         self._st_std = np.full(count, PRIOR_STD)
+        self._rolling.forget()
 
     @property
     def _needed(self) -> tuple[Input[Any], ...]:
@@ -246,6 +201,7 @@ class SoilEstimator:
         self._settings = settings
         for one in self._inputs:
             one.timeout_s = settings.input_timeout_s
+        self._rolling.retune(settings)
 
     def reset(self) -> None:
         """Forget every record and all that was learned of the soil; counters go on."""
@@ -255,25 +211,31 @@ class SoilEstimator:
         self._know_nothing()
 
     def feed_contact_angles(self, angles: ContactAngles) -> None:
-        """Take contact angles; those of standing wheels go into the estimate of de."""
+        """Take contact angles: of standing wheels for de alone, of rolling ones for de and st."""
         of_wheels = (angles.theta_1, angles.theta_2, angles.theta_1_std, angles.theta_2_std, angles.status)
         if self._angles.take(angles, self._last_tick_ns, of_wheels):
             self._observe_static(angles)
+            self._rolling.take_angles(angles, (angles.status == _VALID) | (angles.status == _UNCONFIRMED))
 
     def feed_wheel_states(self, states: WheelStates) -> None:
-        """Take encoders; torque is not used."""
-        self._wheel_states.take(states, self._last_tick_ns, (states.angle, states.speed))
+        """Take encoders, and motor torque; torque that is no number counts as none."""
+        if self._wheel_states.take(states, self._last_tick_ns, (states.angle, states.speed)):
+            self._rolling.take_wheel_states(states)
 
     def feed_body_motion(self, motion: BodyMotion) -> None:
         """Take odometry; its speed and the speed's std make slip and its std."""
-        self._body_motion.take(motion, self._last_tick_ns, (), motion.speed + motion.speed_std)
+        if self._body_motion.take(motion, self._last_tick_ns, (), motion.speed + motion.speed_std):
+            self._rolling.take_body_motion(motion)
 
     def feed_attitude(self, attitude: Attitude) -> None:
-        """Take the body's attitude; its pitch takes load off the wheels. Without it the ground counts as level."""
+        """Take the body's attitude: it shifts load between wheels, and makes the margin of the halting forecast.
+
+        Without it the ground counts as level, and there is no verdict.
+        """
         self._attitude.take(attitude, self._last_tick_ns, (), sum(attitude.orientation))
 
     def feed_suspension(self, suspension: Suspension) -> None:
-        """Take rocker and bogie angles; kept, no estimate of this core depends on them."""
+        """Take rocker and bogie angles: the slope just ahead, without them that of the body."""
         self._suspension.take(suspension, self._last_tick_ns, (), float(suspension.angle.sum()))
 
     def tick(self, now_ns: int) -> SoilState | None:
@@ -286,6 +248,7 @@ class SoilEstimator:
         self._is_answering = False
         lateness = [one.judge(now_ns) for one in self._needed]
         self._attitude.judge(now_ns)
+        self._suspension.judge(now_ns)
         angles, states, motion = self._angles.record, self._wheel_states.record, self._body_motion.record
         if angles is None or states is None or motion is None:
             return None
@@ -294,6 +257,9 @@ class SoilEstimator:
             return None
         self._is_answering = True
         self._answered_ticks += 1
+        travel = np.abs(states.angle - self._de_angle) * self._radius
+        if self._filters:
+            self._roll(now_ns, travel)
         slip, slip_std = self._slip(states, motion)
         if abs(motion.speed) > REST_SPEED + REST_SIGMAS * motion.speed_std:  # otherwise its sign may be noise
             self._direction = math.copysign(1.0, motion.speed)
@@ -303,7 +269,6 @@ class SoilEstimator:
         has_angles = (is_measured | (angles.status == _PREDICTED)) & (entry - leave > LEAST_ZONE)
         if not has_angles.all():
             entry, leave = np.where(has_angles, entry, NEUTRAL_ENTRY), np.where(has_angles, leave, NEUTRAL_EXIT)
-        travel = np.abs(states.angle - self._de_angle) * self._radius
         vc, m_ent, m_out = self._soil_flow(slip, entry, leave, abs(motion.speed))
         slip_max = np.fmin(slip_limit(entry, leave, unsolved="mask"), SLIP_VALID)
         status = self._status(travel)
@@ -311,6 +276,7 @@ class SoilEstimator:
             vc, m_ent, m_out = np.where(has_angles, vc, 1.0), m_ent * has_angles, m_out * has_angles
             slip_max = np.where(has_angles, slip_max, SLIP_VALID)
             status = np.where(has_angles, status, int(SoilStatus.NO_DATA))
+        ahead = self._rolling.forecast
         return SoilState(
             stamp_ns=now_ns,
             slip=slip,
@@ -324,7 +290,24 @@ class SoilEstimator:
             m_out=m_out,
             slip_max=slip_max,
             status=status,
+            scout_margin=ahead.margin,
+            scout_margin_std=ahead.margin_std,
+            scout_z=ahead.z,
+            scout_z_return=ahead.z_return,
+            scout_disturbance=ahead.disturbance,
+            scout_verdict=int(ahead.verdict),
         )
+
+    def _roll(self, now_ns: int, travel: FloatArray) -> None:
+        """Let rolling wheels and the forecast go on, and take over what they say."""
+        attitude = None if self._attitude.is_late else self._attitude.record
+        suspension = None if self._suspension.is_late else self._suspension.record
+        rolling = self._rolling
+        if rolling.advance(now_ns, attitude, suspension):
+            stands = self._is_estimated & (travel <= self._settings.standing_travel_m)
+            self._de = np.where(stands, self._de, rolling.de)
+            self._de_variance = np.where(stands, self._de_variance, rolling.de_std**2)
+            self._st, self._st_std = rolling.st, rolling.st_std
 
     def health(self) -> SoilEstimatorHealth:
         """Counts and the state at the last tick, for diagnostics."""
@@ -424,6 +407,7 @@ class SoilEstimator:
         readings = np.maximum(self._readings, 1)
         zone = self._zone_sum / readings
         zone_std = np.sqrt(self._variance_sum / readings**2 + 2.0 * settings.angle_bias_std_rad**2)
+        load_slope = np.zeros_like(zone)
         if settings.deformability_rule == "paper_linear":
             least, most = DEFORMABILITY_BOUNDS
             probes = np.array([zone, zone - zone_std, zone + zone_std])
@@ -438,6 +422,7 @@ class SoilEstimator:
                 log_load + np.array([same, same, same, same - load_std, same + load_std]),
             )
             variance = (0.5 * (high - low)) ** 2 + (0.5 * (light - heavy)) ** 2
+            load_slope = 0.5 * (heavy - light) / max(load_std, 1e-6)
         is_too_firm, is_too_soft = de < DEFORMABILITY_BOUNDS[0] + 1e-9, de > DEFORMABILITY_BOUNDS[1] - 1e-9
         variance = np.where(is_too_soft, PRIOR_STD**2, np.maximum(variance, LEAST_DE_STD**2))
         self._de = np.where(ready, de, self._de)
@@ -445,13 +430,20 @@ class SoilEstimator:
         self._is_at_bound = np.where(ready, is_too_firm | is_too_soft, self._is_at_bound)
         self._is_estimated = self._is_estimated | ready
         self._de_angle = np.where(ready, encoder, self._de_angle)
+        if self._filters:
+            self._rolling.set_static(ready, self._de, self._de_variance, load_slope)
 
     def _de_std(self, travel: FloatArray) -> FloatArray:
         """1-sigma of de after `travel` [m] of rim: the soil drifts, up to knowing nothing."""
+        if self._filters:
+            return np.asarray(np.sqrt(self._de_variance))
         grown = self._de_variance + self._settings.de_drift_per_sqrt_m**2 * travel
         return np.sqrt(np.where(self._is_estimated, np.minimum(grown, PRIOR_STD**2), PRIOR_STD**2))
 
     def _status(self, travel: FloatArray) -> IntArray:
         static = np.where(self._is_at_bound, int(SoilStatus.STATIC_AT_BOUND), int(SoilStatus.STATIC_ESTIMATE))
-        known = np.where(travel <= self._settings.standing_travel_m, static, int(SoilStatus.HELD))
-        return np.where(self._is_estimated, known, int(SoilStatus.PRIOR))
+        stands = self._is_estimated & (travel <= self._settings.standing_travel_m)
+        rolled = np.where(self._is_estimated, int(SoilStatus.HELD), int(SoilStatus.PRIOR))
+        if self._filters:
+            rolled = np.where(self._rolling.has_learned, int(SoilStatus.FILTERED), rolled)
+        return np.where(stands, static, rolled)

@@ -1,9 +1,10 @@
 """de and st of the soil under every rolling wheel: an extended Kalman filter with implicit residuals.
 
-Per wheel the state is [de, st, b], b the unknown logarithm of true over nominal load. What is measured are the ends of
-the contact, slip and motor torque; none of them is a function of the state, but two residuals vanish at the truth:
+Per wheel the state is [de, st, b], the load being W e^(sigma_W b) with b of unit variance. What is measured
+are the ends of the contact, slip and motor torque; none is a function of the state, but two residuals vanish at the
+truth:
 
-    e_0 = ln W + b - ln F_z(theta_1, theta_2, s, z_e; de, st)
+    e_0 = ln W + sigma_W b - ln F_z(theta_1, theta_2, s, z_e; de, st)
     e_1 = T - T(theta_1, theta_2, s, z_e; de, st)                      where torque is told
 
 with F_z and T of `slip_sinkage`. Noise of angles, slip, dug depth and torque is carried into the covariance of the
@@ -26,8 +27,10 @@ the rate of one opinion per CORRELATION_M of way.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from strap_rover.arrays import BoolArray, FloatArray, IntArray
 from strap_rover.rover import RoverDescription
@@ -53,8 +56,8 @@ LEAST_RIM_SPEED = 0.01
 """Rim speed [m/s] below which slip is noise and nothing is learned from the motion."""
 STANDING_MOST = 0.5
 """Share of a standing wheel's symmetric contact above which the rolling law says nothing."""
-DEEP_SLIP = 0.6
-"""Slip beyond which the law is stretched, and residuals count for a quarter."""
+DEEP_SLIP, SPINNING_SLIP = 0.6, 0.8
+"""Slip beyond which the law is stretched and residuals count for a quarter, and beyond which they count for nothing."""
 RIM_WAY_SHARE = 0.05
 """Share of the rim's way that counts as way of the soil: a wheel that spins meets new soil in depth."""
 CORRELATION_M = 0.25
@@ -79,7 +82,7 @@ CALM_STEP = (0.5, 1.0, 0.02, 0.2)
 
 # Columns of the state, one row per wheel.
 DE, ST, P_DD, P_DS, P_DB, P_SS, P_SB, P_BB, SLIP, DUG, STANDING, SURPRISES, PULL, RESISTANCE = range(14)
-MEAN_1, MEAN_2, MEANS, REFILL, REAR_SUM, REAR_WEIGHT = range(14, 20)
+MEAN_1, MEAN_2, MEANS, REFILL, REAR_SUM, REAR_WEIGHT, LEARNED = range(14, 21)
 # Columns of a reading, one row per wheel.
 THETA_1, THETA_2, VAR_1, VAR_2, SLIP_SEEN, SLIP_STD, TORQUE, LOAD, RIM_SPEED, HAS_ANGLES = range(10)
 # Columns of a cell of the map.
@@ -118,12 +121,13 @@ class FilterNoise:
                 self.dug_std_ratio,
                 float(uses_torque),
                 float(self.shares_soil),
+                self.load_std_ratio,
             ]
         )
 
 
 class SoilFilter:
-    """The soil under all wheels. `state`, shape (W, 20), has the columns DE .. REAR_WEIGHT of this module.
+    """The soil under all wheels. `state`, shape (W, 21), has the columns DE .. LEARNED of this module.
 
     Feed readings of equal or longer spacing than the sensors' noise is correlated over (0.1 s).
     """
@@ -135,15 +139,15 @@ class SoilFilter:
         self._track: IntArray = np.array([rows.index(wheel.y_m) for wheel in wheels], dtype=np.int64)
         self._law = MEASURED_LAW.row()
         self._cells = np.zeros((len(rows), CELLS, 7))
-        self.state: FloatArray = np.zeros((len(wheels), 20))
-        self.forget(0.1)
+        self.state: FloatArray = np.zeros((len(wheels), 21))
+        self.forget()
 
-    def forget(self, load_std_ratio: float) -> None:
+    def forget(self) -> None:
         """Know nothing: de and st at the prior, wheels just set down."""
         self.state[:] = 0.0
         self.state[:, DE] = self.state[:, ST] = PRIOR_MEAN
         self.state[:, P_DD] = self.state[:, P_SS] = PRIOR_STD**2
-        self.state[:, P_BB] = load_std_ratio**2
+        self.state[:, P_BB] = 1.0
         self.state[:, STANDING] = 1.0
         self.state[:, REFILL] = REFILL_PRIOR
         self._cells[:, :, CELL_PLACE] = -1.0
@@ -166,10 +170,8 @@ class SoilFilter:
         state[which, DE] = np.clip(de, *DE_RANGE)[which]
         state[which, P_DD] = variance[which]
         state[which, P_DS] = 0.0
-        bias_variance = load_std_ratio**2
-        most = 0.999 * np.sqrt(variance * bias_variance)
-        state[which, P_DB] = np.clip(load_slope * bias_variance, -most, most)[which]
-        state[which, P_BB] = bias_variance
+        most = 0.999 * np.sqrt(variance)
+        state[which, P_DB] = np.clip(load_slope * load_std_ratio, -most, most)[which]
         state[which, SURPRISES] = 0.0
 
     def turn_back(self) -> None:
@@ -371,7 +373,7 @@ def _residuals_kernel(
     variances = np.array([seen[VAR_1], seen[VAR_2], seen[SLIP_STD] ** 2, (noise[7] * dug + 1e-3) ** 2])
     r[:] = 0.0
     for j in range(innovation.size):
-        h[j, 0], h[j, 1], h[j, 2] = moved[0, j], moved[1, j], -1.0 if j == 0 else 0.0
+        h[j, 0], h[j, 1], h[j, 2] = moved[0, j], moved[1, j], -noise[10] if j == 0 else 0.0
         for k in range(innovation.size):
             for m in range(4):
                 r[j, k] += moved[2 + m, j] * moved[2 + m, k] * variances[m]
@@ -387,7 +389,7 @@ def _residuals_kernel(
 
 
 @compiled
-def _is_jump_kernel(state: FloatArray, innovation: FloatArray, inverse: FloatArray) -> bool:
+def _is_jump_kernel(state: FloatArray, innovation: FloatArray, inverse: npt.NDArray[np.floating[Any]]) -> bool:
     """Whether the soil has jumped: then its covariance has grown."""
     is_surprise = innovation @ inverse @ innovation > SURPRISE
     state[SURPRISES] = state[SURPRISES] + 1.0 if is_surprise else 0.0
@@ -481,8 +483,10 @@ def _filter_kernel(
             state[MEAN_1] += share * (seen[THETA_1] - state[MEAN_1])
             state[MEAN_2] += share * (seen[THETA_2] - state[MEAN_2])
             _refill_kernel(state, seen, depth / shape[0], travel * dt, law)
-        if seen[HAS_ANGLES] > 0.0 and rim > LEAST_RIM_SPEED and state[STANDING] < STANDING_MOST:
+        rolls = rim > LEAST_RIM_SPEED and state[STANDING] < STANDING_MOST and abs(state[SLIP]) < SPINNING_SLIP
+        if seen[HAS_ANGLES] > 0.0 and rolls:
             _learn_kernel(state, seen, shape, law, noise, row)
+            state[LEARNED] += 1.0
             if speed > LEAST_RIM_SPEED:
                 cell[CELL_PLACE], cell[CELL_WHEEL] = place, i
                 cell[CELL_DE], cell[CELL_ST] = state[DE], state[ST]

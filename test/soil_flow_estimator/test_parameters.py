@@ -2,8 +2,8 @@ from dataclasses import fields
 
 import pytest
 
+from soil_flow_estimator.estimator_settings import SoilEstimatorSettings
 from soil_flow_estimator.parameters import SoilEstimatorParameters
-from soil_flow_estimator.soil_estimator import SoilEstimatorSettings
 from strap_rover.installed_data import config_file
 from strap_rover.settings import SettingsError, load_settings, settings_from_mapping
 

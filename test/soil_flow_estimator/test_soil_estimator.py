@@ -6,11 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soil_flow_estimator.soil_estimator import (
-    DeformabilityTable,
-    SoilEstimator,
-    SoilEstimatorSettings,
-)
+from soil_flow_estimator.estimator_settings import SoilEstimatorSettings
+from soil_flow_estimator.soil_estimator import DeformabilityTable, SoilEstimator
 from soil_flow_estimator.soil_state import SoilState, SoilStatus
 from strap_rover.rover import load_rover
 from strap_rover.telemetry import Attitude, BodyMotion, Suspension, WheelStates
@@ -38,6 +35,7 @@ class Bench:
         self.omega = np.zeros(6)
         self.speed = 0.0
         self.speed_std = 0.005
+        self.torque = 0.0
         self.theta_1 = 0.4 * ONES
         self.theta_2 = -0.4 * ONES
         self.angle_std = 0.0075
@@ -62,7 +60,7 @@ class Bench:
         if self.pitch_deg is not None:
             e.feed_attitude(replace(pitched(self.pitch_deg), stamp_ns=self.stamp("attitude")))
         if "wheels" not in self.silent:
-            e.feed_wheel_states(WheelStates(self.stamp("wheels"), self.angle, self.omega, np.zeros(6)))
+            e.feed_wheel_states(WheelStates(self.stamp("wheels"), self.angle, self.omega, self.torque * ONES))
         if "odometry" not in self.silent:
             e.feed_body_motion(BodyMotion(self.stamp("odometry"), 0.0, 0.0, 0.0, self.speed, self.speed_std))
         if "angles" not in self.silent:
@@ -87,7 +85,7 @@ def pitched(degrees):
 
 def test_record_has_the_fields_of_the_topic_in_order():
     names = [name for name in SoilState.__slots__ if name != "stamp_ns"]
-    assert names == [quantity.name for quantity in SOIL_STATE.per_wheel]
+    assert names == [quantity.name for quantity in (*SOIL_STATE.per_wheel, *SOIL_STATE.whole_rover)]
 
 
 # The table against the law it was made from, at points that are no nodes.
@@ -190,8 +188,8 @@ def test_averaging_helps_down_to_what_it_cannot_average():
     assert exact.run(0.5).de_std[0] == pytest.approx(0.004 * math.sqrt(2.0) * 0.006 / math.radians(0.5), rel=0.5)
 
 
-def test_rolling_holds_de_and_its_std_grows_to_the_prior():
-    bench = Bench()
+def test_by_the_linear_rule_rolling_holds_de_and_its_std_grows_to_the_prior():
+    bench = Bench(deformability_rule="paper_linear")
     bench.stand_on(0.3)
     before = bench.run(0.5)
     bench.roll()
@@ -464,6 +462,13 @@ ROWS = [
     ("load_std_ratio", 0.3),
     ("wheel_speed_std_radps", 0.1),
     ("de_drift_per_sqrt_m", 0.5),
+    ("st_drift_per_sqrt_m", 1.0),
+    ("uses_torque", False),
+    ("torque_std_nm", 20.0),
+    ("slip_relaxation_m", 0.5),
+    ("caution_z", -10.0),
+    ("stop_z", -10.0),
+    ("slip_alarm", 0.05),
     ("soil_density_kgpm3", 2000.0),
     ("input_timeout_s", 0.02),
 ]
@@ -471,19 +476,21 @@ TUNABLE = [item.name for item in fields(SoilEstimatorSettings) if item.metadata.
 
 
 def story(bench):
-    """Everything that can happen to an estimate, in 2 s; what was said on every tick."""
+    """Everything that can happen to an estimate, in 4 s; what was said on every tick."""
 
     def part(seconds):
         said.extend(bench.tick() for _ in range(round(seconds * 100)))
 
     said = []
+    bench.pitch_deg = 2.0
     bench.stand_on(0.3)
     part(0.1)
     bench.theta_1, bench.theta_2 = 0.45 * ONES, -0.35 * ONES  # not quite symmetric
     bench.omega = 0.015 * ONES  # creeping
     part(0.4)
     bench.roll()
-    part(0.3)
+    bench.torque = 34.0
+    part(2.5)
     bench.silent = {"odometry"}
     part(0.1)
     bench.silent = set()
@@ -499,7 +506,10 @@ def same_story(one, other):
 
 def test_every_tunable_setting_has_a_row_and_nothing_else_is_tunable():
     assert [name for name, _ in ROWS] == TUNABLE
-    assert {item.name for item in fields(SoilEstimatorSettings)} - set(TUNABLE) == {"deformability_rule"}
+    assert {item.name for item in fields(SoilEstimatorSettings)} - set(TUNABLE) == {
+        "deformability_rule",
+        "excavation_depth_m",
+    }
 
 
 @pytest.mark.parametrize(("name", "value"), ROWS)
@@ -522,6 +532,13 @@ def tunings(draw):
         "load_std_ratio": st.floats(0.0, 0.3),
         "wheel_speed_std_radps": st.floats(0.0, 0.1),
         "de_drift_per_sqrt_m": st.floats(0.0, 1.0),
+        "st_drift_per_sqrt_m": st.floats(0.0, 1.0),
+        "uses_torque": st.booleans(),
+        "torque_std_nm": st.floats(0.1, 20.0),
+        "slip_relaxation_m": st.floats(0.01, 1.0),
+        "caution_z": st.floats(-10.0, 10.0),
+        "stop_z": st.floats(-10.0, 10.0),
+        "slip_alarm": st.floats(0.05, 1.0),
         "soil_density_kgpm3": st.floats(500.0, 3000.0),
         "input_timeout_s": st.floats(0.01, 0.5),
     }
