@@ -130,10 +130,17 @@ def _figures(recording: Recording, facts: DriveFacts) -> list[tuple[str, str]]:
         ("widest zone", f"{zone.value:.0f} deg, {zone.wheel}" if zone else ""),
         ("largest slip", f"{slip.value:.2f}, {slip.wheel}" if slip else ""),
         ("least room to slip_max", f"{margin.value:.2f}, {margin.wheel}" if margin else ""),
+        ("forecast", _forecast(facts)),
         ("stalls, retries", f"{facts.stalls}, {facts.retries}" if facts.mode_shares else ""),
         ("mode at the end", "" if facts.mode_at_end is None else facts.mode_at_end.name),
     ]
     return [(name, value) for name, value in rows if value]
+
+
+def _forecast(facts: DriveFacts) -> str:
+    if facts.forecast_peak is None:
+        return ""
+    return "never STOP" if facts.forecast_stop_s is None else f"STOP first at {facts.forecast_stop_s:.1f} s"
 
 
 def _where(recording: Recording, facts: DriveFacts) -> list[Block]:

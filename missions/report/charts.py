@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from strap_rover.arrays import FloatArray
+from strap_rover.arrays import FloatArray, IntArray
 
 BUCKETS = 1000
 """A line has at most twice as many points: the lowest and the highest of every bucket, so that spikes stay."""
@@ -134,6 +134,39 @@ def wheel_bands(
             colour, _ = wheel_style(index, len(wheels))
             bands.append(band(time_s[known], values[known, index], std[known, index], colour, group=wheel))
     return bands + lines
+
+
+def wheel_levels(wheels: Sequence[str], time_s: FloatArray, values: FloatArray) -> list[Trace]:
+    """Per wheel a dotted line of something that stays as it is for long; only its corners are kept."""
+    lines: list[Trace] = []
+    for index, wheel in enumerate(wheels):
+        column = np.where(np.isfinite(values[:, index]), np.round(values[:, index], 4), np.nan)
+        if np.isfinite(column).any():
+            corners = _corners(column)
+            colour, _ = wheel_style(index, len(wheels))
+            lines.append(
+                {
+                    "type": "scatter",
+                    "mode": "lines",
+                    "name": html.escape(f"{wheel}, true"),
+                    "x": packed(time_s[corners]),
+                    "y": packed(column[corners]),
+                    "line": {"color": colour, "width": 1.4, "dash": "1px,3px"},
+                    "hoverinfo": "skip",
+                    "connectgaps": False,
+                    "legendgroup": wheel,
+                    "showlegend": False,
+                }
+            )
+    return lines
+
+
+def _corners(values: FloatArray) -> IntArray:
+    """Where a value differs from the one before or after it, and both ends."""
+    changes = ~((values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1])))
+    is_corner = np.ones(values.size, dtype=np.bool_)
+    is_corner[1:-1] = changes[:-1] | changes[1:]
+    return np.flatnonzero(is_corner)
 
 
 def band(x: FloatArray, y: FloatArray, std: FloatArray, colour: str, *, group: str = "") -> Trace:

@@ -173,17 +173,15 @@ def forecast_charts(recording: Recording, facts: DriveFacts) -> list[Chart]:
     back = recording.of_rover(row, "scout_z_return")
     if back is not None:
         scores.append(line("way back", time_s, np.where(is_told, back, np.nan), OTHER_COLOUR, "5px,3px"))
-    verdicts = {
-        verdict.name: colour for verdict, colour in FORECAST_COLOURS.items() if (facts.verdicts == verdict).any()
-    }
+    said = {kind.name: colour for kind, colour in FORECAST_COLOURS.items() if (facts.verdicts == kind).any()}
     charts = [
         Chart(
             "Halting forecast: score z [-]",
-            "Above 0 the pull to spare is spent, above 1 beyond its uncertainty; no probability. Behind it the verdict.",
+            "Above 0 the pull to spare is spent, above 1 beyond its uncertainty; no probability. Colours: verdict.",
             scores,
             _range(_SCORE_RANGE),
             shapes=[*_verdict_bands(time_s, facts.verdicts), level(0.0, *span), level(1.0, *span)],
-            legend=verdicts,
+            legend=said,
         )
     ]
     if margin is not None and std is not None:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from missions.report.recording import Recording
-from missions.report.site_map import wheel_radii
+from missions.report.site_map import NoSiteError, ground_of, rover_of, wheel_radii
+from missions.soil_truth import soil_truth
 from missions.summary import Event, Outcome, outcome_of, run_events
-from soil_flow_estimator.soil_state import SoilStatus
+from soil_flow_estimator.soil_state import ForecastVerdict, SoilStatus
 from strap_rover import topics
 from strap_rover.arrays import BoolArray, FloatArray
 from strap_rover.topics import Topic
@@ -72,6 +73,15 @@ class DriveFacts:
     """slip_max - slip, where both are known."""
     flow_ratio: WheelSeries | None
     """vc, where the wheel turns."""
+    true_de: WheelSeries | None
+    """Of the ground below each wheel, where a simulated ground can be made again."""
+    true_st: WheelSeries | None
+    verdicts: FloatArray
+    """ForecastVerdict codes over the times of soil_state; empty where the bag has no forecast."""
+    forecast_stop_s: float | None
+    """When the halting forecast first said STOP."""
+    forecast_peak: tuple[float, float] | None
+    """Largest halting score, and when [s]."""
     mode_shares: Mapping[TractionMode, float]
     mode_at_end: TractionMode | None
     stalls: int
@@ -80,6 +90,11 @@ class DriveFacts:
     events: tuple[Event, ...]
     status_shares: Mapping[str, Mapping[ContactStatus, float]]
     """Per wheel, how much of the time its strap said what."""
+
+    @property
+    def verdict_at_end(self) -> ForecastVerdict | None:
+        """What the forecast said last."""
+        return ForecastVerdict(int(self.verdicts[-1])) if self.verdicts.size else None
 
     @property
     def sinkage_mm(self) -> WheelSeries | None:
@@ -100,6 +115,8 @@ def drive_facts(recording: Recording) -> DriveFacts:
     slip_max = _wheel_series(recording, topics.SOIL_STATE, "slip_max")
     slip = _masked(_wheel_series(recording, topics.SOIL_STATE, "slip"), moving)
     mode_at_end = TractionMode(int(modes[-1])) if modes.size else None
+    true_de, true_st = _true_soil(recording)
+    verdicts = _verdicts(recording)
     return DriveFacts(
         is_simulated=is_simulated,
         outcome=_outcome(recording, source, speed, zone, mode_at_end),
@@ -112,6 +129,11 @@ def drive_facts(recording: Recording) -> DriveFacts:
         true_slip=_wheel_series(recording, topics.GROUND_TRUTH, "slip"),
         slip_margin=_difference(slip_max, slip),
         flow_ratio=_masked(_wheel_series(recording, topics.SOIL_STATE, "vc"), moving),
+        true_de=true_de,
+        true_st=true_st,
+        verdicts=verdicts,
+        forecast_stop_s=_first_stop_s(recording, verdicts),
+        forecast_peak=_forecast_peak(recording, verdicts),
         mode_shares={mode: float(np.mean(modes == mode)) for mode in TractionMode if (modes == mode).any()},
         mode_at_end=mode_at_end,
         stalls=int(np.count_nonzero((np.diff(modes) != 0) & (modes[1:] == TractionMode.STALL))),
@@ -141,6 +163,46 @@ def _events(recording: Recording, modes: FloatArray, faults: FloatArray) -> tupl
     if has_state and not (modes.size and faults.size):
         return ()
     return run_events(recording.run_log())
+
+
+def _verdicts(recording: Recording) -> FloatArray:
+    """Codes of the forecast over time; empty where the bag has none, or has codes of another version."""
+    found = recording.of_rover(topics.SOIL_STATE, "scout_verdict")
+    if found is None or not np.isin(found, [int(verdict) for verdict in ForecastVerdict]).all():
+        return np.empty(0)
+    return found
+
+
+def _first_stop_s(recording: Recording, verdicts: FloatArray) -> float | None:
+    stopped = np.flatnonzero(verdicts == ForecastVerdict.STOP)
+    return float(recording.time_s(topics.SOIL_STATE)[stopped[0]]) if stopped.size else None
+
+
+def _forecast_peak(recording: Recording, verdicts: FloatArray) -> tuple[float, float] | None:
+    score = recording.of_rover(topics.SOIL_STATE, "scout_z")
+    if score is None or not verdicts.size:
+        return None
+    told = np.where((verdicts != ForecastVerdict.NONE) & np.isfinite(score), score, -np.inf)
+    row = int(np.argmax(told))
+    return (float(told[row]), float(recording.time_s(topics.SOIL_STATE)[row])) if told[row] > -np.inf else None
+
+
+def _true_soil(recording: Recording) -> tuple[WheelSeries | None, WheelSeries | None]:
+    """De and st below every wheel; None where the ground, the rover or the place is not known."""
+    columns = [recording.of_rover(topics.ODOM, axis) for axis in ("x", "y", "z")]
+    place = [recording.of_rover(topics.GROUND_TRUTH, name) for name in ("x", "y", "heading")]
+    known = [column for column in (*columns, *place) if column is not None and np.isfinite(column).all()]
+    if "scenario" not in recording.custom_data or len(known) < 6 or not known[0].size or not known[3].size:
+        return None, None
+    try:
+        rover = rover_of(recording.custom_data)
+        terrain = ground_of(recording.custom_data, np.stack(known[:3], axis=1))
+    except NoSiteError:
+        return None, None  # the map's own notice says why
+    if rover.wheel_names != recording.wheels:
+        return None, None
+    truth, time_s = soil_truth(terrain, rover, *known[3:]), recording.time_s(topics.GROUND_TRUTH)
+    return WheelSeries(recording.wheels, time_s, truth.de), WheelSeries(recording.wheels, time_s, truth.st)
 
 
 def _wheel_series(recording: Recording, row: Topic, quantity: str, scale: float = 1.0) -> WheelSeries | None:

@@ -43,6 +43,9 @@ def wheel_table(recording: Recording, facts: DriveFacts) -> PlainTable:
         "largest torque [N m]": _extreme(_series(recording, topics.WHEEL_STATES, EFFORT), 0),
         "held back [% of time]": _held_back(recording),
         "de in the end [-]": _last(recording, "de"),
+        "true de [-]": _extreme(_at_end(facts.true_de), 2),
+        "st in the end [-]": _last(recording, "st"),
+        "true st [-]": _extreme(_at_end(facts.true_st), 2),
         "strap measured [%]": _share_measured(recording, facts),
     }
     shown = {heading: cells for heading, cells in columns.items() if cells}
@@ -130,6 +133,10 @@ def _extreme(series: WheelSeries | None, digits: int, *, lowest: bool = False, f
         known = column[np.isfinite(column)]
         cells.append(f"{known.min() if lowest else known.max():.{digits}f}" if known.size else _UNKNOWN)
     return tuple(cells)
+
+
+def _at_end(series: WheelSeries | None) -> WheelSeries | None:
+    return None if series is None else WheelSeries(series.wheels, series.time_s[-1:], series.values[-1:])
 
 
 def _held_back(recording: Recording) -> tuple[str, ...]:

@@ -73,8 +73,7 @@ def site_map(custom_data: Mapping[str, str], path: FloatArray) -> SiteMap:
 
     NoSiteError when the bag does not tell how to make it, or the path did not go over it.
     """
-    terrain = _terrain(custom_data)
-    _check_heights(terrain, path[np.isfinite(path).all(axis=1)])
+    terrain = ground_of(custom_data, path)
     x_from, x_to = float(np.nanmin(path[:, 0])) - MARGIN_M, float(np.nanmax(path[:, 0])) + MARGIN_M
     rows, stations, _ = terrain.samples.shape
     x: FloatArray = terrain.x_start + terrain.x_spacing * np.arange(stations, dtype=np.float64)
@@ -91,6 +90,13 @@ def site_map(custom_data: Mapping[str, str], path: FloatArray) -> SiteMap:
     stiffness = samples[:, :, K_C] / PLATE_WIDTH_M + samples[:, :, K_PHI]
     pressure = 1e-3 * stiffness * FIRMNESS_DEPTH_M ** samples[:, :, N]
     return SiteMap(x[picked], y, samples[:, :, HEIGHT], pressure)
+
+
+def ground_of(custom_data: Mapping[str, str], path: FloatArray) -> Terrain:
+    """The whole ground under a path of (x, y, z) [m], shape (N, 3); NoSiteError as `site_map`."""
+    terrain = _terrain(custom_data)
+    _check_heights(terrain, path[np.isfinite(path).all(axis=1)])
+    return terrain
 
 
 def _terrain(custom_data: Mapping[str, str]) -> Terrain:

@@ -9,10 +9,19 @@ from rich.console import Console
 from rich.style import Style
 from rich.text import Text
 
-from missions.dashboard import _FAULT_WORDS, _MODE_WORDS, _SOIL_WORDS, _STRAP_WORDS, Dashboard, plain_line
+from missions.dashboard import (
+    _FAULT_WORDS,
+    _MODE_WORDS,
+    _SOIL_WORDS,
+    _STRAP_WORDS,
+    _VERDICT_STYLES,
+    Dashboard,
+    plain_line,
+)
 from missions.mode_colours import MODE_COLOURS
 from missions.snapshot import Heard, NodeHealth, PartHealth, Snapshot
-from soil_flow_estimator.soil_state import SoilState, SoilStatus
+from soil_flow_estimator.forecast_words import forecast_words
+from soil_flow_estimator.soil_state import ForecastVerdict, SoilState, SoilStatus
 from strap_rover import topics
 from strap_rover.telemetry import BodyMotion, SpeedRequest, WheelCommands, WheelStates
 from strap_sensor_driver.contact_zone import ContactAngles, ContactStatus, remedy
@@ -293,6 +302,43 @@ def test_the_std_of_slip_and_a_guessed_de_are_grey():
     assert not is_grey(style_of(snapshot(), "0.31"))
 
 
+def test_a_stickiness_that_is_only_the_prior_is_grey():
+    assert is_grey(style_of(snapshot(soil_state=soil(st=0.47)), "0.47", 140))
+    assert not is_grey(style_of(snapshot(soil_state=soil(st=0.47, st_std=0.04)), "0.47", 140))
+
+
+def forecast(verdict, margin=-120.0, z_return=-1.0):
+    told = {"scout_margin": margin, "scout_margin_std": 80.0, "scout_z": -margin / 80.0, "scout_z_return": z_return}
+    return replace(soil(), scout_verdict=int(verdict), **told)
+
+
+@pytest.mark.parametrize("verdict", list(ForecastVerdict))
+def test_the_forecast_is_told_in_words(verdict):
+    page = snapshot(soil_state=forecast(verdict))
+    shown = " ".join(text(page).split())
+    assert f"forecast {verdict.name} " in shown
+    assert forecast_words(forecast(verdict)) in shown
+    is_calm = verdict in {ForecastVerdict.NONE, ForecastVerdict.CLEAR}
+    assert (f"forecast {verdict.name}" in plain_line(page)) is not is_calm
+
+
+def test_a_forecast_to_stop_is_loud_and_an_old_one_is_grey_with_its_age():
+    page = snapshot(soil_state=forecast(ForecastVerdict.STOP))
+    assert style_of(page, "forecast STOP").bgcolor.name == "#b2182b"
+    old = aged(page, "soil_state", age_s=2.5)
+    assert is_grey(style_of(old, "forecast STOP"))
+    assert any("forecast STOP 2.5 s old" in line for line in lines(old))
+
+
+def test_a_forecast_that_is_shown_is_not_said_again_by_the_nodes_health():
+    state = forecast(ForecastVerdict.STOP)
+    ill = NodeHealth("soil_flow_estimator", 0.2, (PartHealth("forecast", "WARN", forecast_words(state)),))
+    shown = text(snapshot(soil_state=state, nodes=(ill,)), 140)
+    assert shown.count("stop and back out") == 1
+    assert "forecast: see above" in shown
+    assert "see above" not in text(snapshot(soil_state=forecast(ForecastVerdict.CLEAR), nodes=(ill,)), 140)
+
+
 def test_at_rest_there_is_no_slip_and_no_flow_ratio():
     row = row_of(snapshot(soil_state=soil(slip=0.0, slip_std=1.0)), "fl")
     assert "1.21" not in row
@@ -391,6 +437,7 @@ def test_every_mode_fault_and_status_has_words_and_every_mode_a_colour():
     assert set(_FAULT_WORDS) == set(Fault)
     assert set(_STRAP_WORDS) == set(ContactStatus)
     assert set(_SOIL_WORDS) == set(SoilStatus)
+    assert set(_VERDICT_STYLES) == set(ForecastVerdict)
 
 
 @pytest.mark.parametrize("mode", list(TractionMode))

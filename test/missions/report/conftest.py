@@ -11,6 +11,7 @@ import pytest
 
 from missions.lockstep import run_lockstep
 from missions.plan import plan_run
+from soil_flow_estimator.soil_state import ForecastVerdict
 from strap_rover import topics
 from strap_rover.flight_recorder.bag_format import contract_topic
 from strap_rover.flight_recorder.bag_writer import BagWriter
@@ -50,7 +51,16 @@ def contact_angles(time_s):
 def soil(time_s):
     slip = 0.1 if time_s < DIGGING_S else 0.7
     row = [slip, 0.02, 0.3, 0.1, 0.5, 0.29, 2.0, 0.05, 0.025, 0.4, 2.0]
-    return np.array([row, row])
+    return np.array([row, row]), forecast(time_s)
+
+
+def forecast(time_s):
+    """Margin, std, score, that of the way back, disturbance, verdict: STOP half a second before it digs."""
+    if time_s < 1.0:
+        return np.array([0.0, 0.0, 0.0, 0.0, 0.0, ForecastVerdict.NONE])
+    if time_s < DIGGING_S - 0.5:
+        return np.array([160.0, 80.0, -2.0, -3.0, 5.0, ForecastVerdict.CLEAR])
+    return np.array([-120.0, 80.0, 1.5, -3.0, 5.0, ForecastVerdict.STOP])
 
 
 def traction(time_s):
@@ -78,7 +88,7 @@ def messages_at(time_s: float, stamp_ns: int, wheels):
     mode_rows = traction(time_s)
     return {
         topics.CONTACT_ANGLES: NamedValues(topics.CONTACT_ANGLES, wheels).to_message(stamp_ns, contact_angles(time_s)),
-        topics.SOIL_STATE: NamedValues(topics.SOIL_STATE, wheels).to_message(stamp_ns, soil(time_s)),
+        topics.SOIL_STATE: NamedValues(topics.SOIL_STATE, wheels).to_message(stamp_ns, *soil(time_s)),
         topics.TRACTION_STATE: NamedValues(topics.TRACTION_STATE, wheels).to_message(stamp_ns, *mode_rows),
         topics.WHEEL_STATES: joints.wheel_states_message(WheelStates(stamp_ns, speeds, speeds, 10.0 * speeds)),
         topics.TRACTION_COMMANDS: joints.wheel_commands_message(WheelCommands(stamp_ns, speeds)),

@@ -58,6 +58,17 @@ def test_what_the_bag_lacks_is_named(recordings):
     assert not blocks_of(page, WheelButtons)
 
 
+def test_estimated_soil_stands_beside_the_true_one_where_that_is_known(recordings):
+    for recording, count in zip(recordings, (0, 6), strict=True):
+        (chart,) = [
+            chart
+            for charts in blocks_of(drive_page(recording), Charts)
+            for chart in charts.charts
+            if chart.title == "Deformability de [-]"
+        ]
+        assert sum(trace.get("name", "").endswith(", true") for trace in chart.traces) == count
+
+
 def test_lost_messages_are_told(recordings):
     real, _ = recordings
     data = {"message_loss": '{"/odom": {"lost": 3, "before_first": 0}, "/imu": {"lost": null}}'}
@@ -70,4 +81,5 @@ def test_a_simulated_drive_is_shown_on_its_ground_and_a_real_one_without(recordi
         [chart.title for charts in blocks_of(drive_page(one), Charts) for chart in charts.charts] for one in recordings
     ]
     assert "Track [m]" in titles[0]
+    assert "Halting forecast: score z [-]" in titles[0]
     assert {"Track on the terrain: height [m]", "Track on the terrain: how firm [kPa]"} <= set(titles[1])

@@ -7,7 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from missions.report.charts import BUCKETS, band, line, packed, thinned, wheel_bands, wheel_lines, wheel_style
+from missions.report.charts import (
+    BUCKETS,
+    band,
+    line,
+    packed,
+    thinned,
+    wheel_bands,
+    wheel_levels,
+    wheel_lines,
+    wheel_style,
+)
 
 
 def unpacked(numbers):
@@ -28,6 +38,17 @@ def test_a_long_line_keeps_its_spikes_where_they_are():
     assert x.size <= 2 * BUCKETS
     assert x[np.argmax(y)] == pytest.approx(123.45)
     assert x[np.argmin(y)] == pytest.approx(543.21)
+
+
+def test_a_line_of_levels_keeps_its_corners_only():
+    time_s = np.arange(100) / 10.0
+    values = np.where(time_s < 4.0, 0.1, 0.3)
+    values[80:] = np.nan
+    traces = wheel_levels(("l", "r"), time_s, np.stack([values, np.full(100, np.nan)], axis=1))
+    assert [(trace["name"], trace["legendgroup"]) for trace in traces] == [("l, true", "l")]
+    x, y = unpacked(traces[0]["x"]), unpacked(traces[0]["y"])
+    np.testing.assert_allclose(x, [0.0, 3.9, 4.0, 7.9, 8.0, 9.9], rtol=1e-6)
+    np.testing.assert_allclose(y, [0.1, 0.1, 0.3, 0.3, np.nan, np.nan], rtol=1e-6)
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=50, max_size=400), st.integers(2, 20))

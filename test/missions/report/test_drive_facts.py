@@ -1,11 +1,17 @@
 """What a drive came to, by truth or by sensors alone."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+from missions.report.drive_charts import forecast_charts
 from missions.report.drive_facts import drive_facts
 from missions.report.recording import read_recording
 from missions.report.run_words import FAULT_WORDS, MODE_WORDS, OUTCOME_KINDS, OUTCOME_WORDS, story, subtitle
+from missions.report.topic_rows import Channel
 from missions.summary import Outcome, summarize
+from soil_flow_estimator.soil_state import ForecastVerdict
 from strap_rover import topics
 from strap_sensor_driver.contact_zone import ContactStatus
 from traction_controller.supervisor import Fault, TractionMode
@@ -30,6 +36,8 @@ def test_a_simulated_drive_comes_out_as_its_summary_says(recorded):
     assert (facts.stalls, facts.retries) == (summary.stalls, summary.retries)
     assert [event.what for event in facts.events] == [event.what for event in summary.events]
     assert facts.mode_at_end.name == summary.mode_at_end
+    assert facts.verdict_at_end.name == summary.forecast_at_end
+    assert (facts.forecast_stop_s or -1.0) == summary.forecast_stop_s
 
 
 def test_a_real_drive_is_judged_by_its_sensors(real):
@@ -56,12 +64,34 @@ def test_peaks_name_wheel_and_time(real):
 
 def test_a_faulty_strap_gives_no_zone_and_is_accounted_for(real):
     _, facts = real
-    import numpy as np
-
     during = (facts.zone_deg.time_s >= 2.0) & (facts.zone_deg.time_s < 2.5)
     assert np.isnan(facts.zone_deg.values[during, 1]).all()
     assert np.isfinite(facts.zone_deg.values[during, 0]).all()
     assert facts.status_shares["right"][ContactStatus.FAULT_OPEN_A] == pytest.approx(10 / 161)
+
+
+def test_the_forecast_is_told_with_its_times(real):
+    recording, facts = real
+    assert facts.forecast_stop_s == 3.5
+    assert facts.forecast_peak == (1.5, 3.5)
+    assert facts.verdict_at_end is ForecastVerdict.STOP
+    said = "The halting forecast said STOP first at 3.5 s; its score was highest with 1.50 at 3.5 s. At the end it said"
+    assert said in " ".join(story(recording, facts))
+    assert (facts.true_de, facts.true_st) == (None, None)  # nobody knows the ground of a real drive
+
+
+@pytest.mark.parametrize("column", ["scout_verdict", "scout_z"])
+def test_a_bag_without_a_forecast_has_none(real, column):
+    recording, _ = real
+    channel = recording.channels["soil_state"]
+    index = channel.names.index(column)
+    values = np.delete(channel.values, index, axis=1)
+    names = tuple(name for name in channel.names if name != column)
+    bare = replace(recording, channels={**recording.channels, "soil_state": Channel(channel.time_s, names, values)})
+    facts = drive_facts(bare)
+    assert facts.forecast_peak is None
+    assert "halting forecast" not in " ".join(story(bare, facts))
+    assert forecast_charts(bare, facts) == []
 
 
 def test_the_story_is_told_in_words(real):

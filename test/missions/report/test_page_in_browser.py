@@ -90,7 +90,7 @@ def pages(real_bag, simulated_bag, tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("name", "panels", "width"),
-    [("real", 18, PHONE), ("simulated", 23, DESK), ("simulated", 23, PHONE), ("study", 1, DESK), ("study", 1, PHONE)],
+    [("real", 20, PHONE), ("simulated", 25, DESK), ("simulated", 25, PHONE), ("study", 1, DESK), ("study", 1, PHONE)],
 )
 def test_a_page_is_whole_and_readable(look, pages, name, panels, width):
     page = look(pages[name], width)
