@@ -68,27 +68,27 @@ def test_every_mode_under_every_single_condition(mode, flag):
     assert (None if row is None else row.to) == expected
 
 
-@pytest.mark.parametrize(
-    ("mode", "flags", "to"),
-    [
-        (DRIVE, {"held", "faulted", "stalled", "limited"}, STANDBY),
-        (DRIVE, {"faulted", "stalled", "limited"}, FAULT),
-        (LIMIT, {"stalled", "limited"}, STALL),
-        (RETRY, {"stalled", "free"}, STALL),
-        (STALL, {"standing", "exhausted"}, HALT),
-        (FAULT, {"faulted", "held"}, STANDBY),
-        (DRIVE, {"faulted", "halts_ahead", "no_way_back", "slips"}, FAULT),
-        (LIMIT, {"halts_ahead", "stalled", "limited"}, FORECAST_STOP),  # waiting does not make soil firmer
-        (RETRY, {"no_way_back", "slips", "free"}, FORECAST_STOP),
-        (RETRY, {"slips", "free"}, STALL),
-        (STANDBY, {"ready", "turned_back"}, FORECAST_STOP),
-        (FAULT, {"held", "turned_back"}, STANDBY),
-        (FORECAST_STOP, {"standing", "backs_out"}, BACK_OUT),
-        (FORECAST_STOP, {"standing", "backs_out", "held"}, STANDBY),
-        (BACK_OUT, {"held", "backed_out"}, STANDBY),
-        (BACK_OUT, {"faulted", "stalled", "backed_out"}, FAULT),
-    ],
+GRAVER = (
+    (DRIVE, {"held", "faulted", "stalled", "limited"}, STANDBY),
+    (DRIVE, {"faulted", "stalled", "limited"}, FAULT),
+    (LIMIT, {"stalled", "limited"}, STALL),
+    (RETRY, {"stalled", "free"}, STALL),
+    (STALL, {"standing", "exhausted"}, HALT),
+    (FAULT, {"faulted", "held"}, STANDBY),
+    (DRIVE, {"faulted", "halts_ahead", "no_way_back", "slips"}, FAULT),
+    (LIMIT, {"halts_ahead", "stalled", "limited"}, FORECAST_STOP),  # waiting does not make soil firmer
+    (RETRY, {"no_way_back", "slips", "free"}, FORECAST_STOP),
+    (RETRY, {"slips", "free"}, STALL),
+    (STANDBY, {"ready", "turned_back"}, FORECAST_STOP),
+    (FAULT, {"held", "turned_back"}, STANDBY),
+    (FORECAST_STOP, {"standing", "backs_out"}, BACK_OUT),
+    (FORECAST_STOP, {"standing", "backs_out", "held"}, STANDBY),
+    (BACK_OUT, {"held", "backed_out"}, STANDBY),
+    (BACK_OUT, {"faulted", "stalled", "backed_out"}, FAULT),
 )
+
+
+@pytest.mark.parametrize(("mode", "flags", "to"), GRAVER)
 def test_the_graver_condition_wins(mode, flags, to):
     row = transition(mode, Situation(**dict.fromkeys(flags, True)))
     assert row is not None
@@ -102,6 +102,17 @@ def test_every_row_can_be_reached_and_says_why():
         assert row.to not in row.modes
     assert {row.to for row in TRANSITIONS} == set(TractionMode)
     assert not any(HALT in row.modes for row in TRANSITIONS)
+
+
+def test_limiting_comes_and_goes():
+    driver = Driver()
+    assert [driver.step(limited=limited) for limited in (True, True, True, False, False)] == [
+        DRIVE,
+        LIMIT,
+        LIMIT,
+        DRIVE,
+        DRIVE,
+    ]
 
 
 def test_only_a_clear_rover_leaves_a_standing_mode_for_a_driving_one():
@@ -407,8 +418,11 @@ def test_a_tuned_watch_judges_what_was_travelled_by_the_new_ways():
 def test_restart_forgets():
     stall_watch = watch()
     stall_watch.update(turned(0.0), 0.0)
+    assert not stall_watch.update(turned(0.09), 0.0)
     stall_watch.restart()
-    assert not stall_watch.update(turned(5.0), 0.0)
+    assert not stall_watch.update(turned(0.12), 0.0)
+    assert not stall_watch.update(turned(0.21), 0.0)
+    assert stall_watch.update(turned(0.23), 0.0)
 
 
 def test_how_wheels_turn_while_nobody_looks_counts_for_nothing_and_what_they_did_before_still_does():
