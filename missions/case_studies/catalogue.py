@@ -59,16 +59,39 @@ def _strap_faults(folder: Path, console: Console, stopped: Callable[[], bool], s
     return run_study(folder, console, stopped, frames=runs or (SHORT_FRAMES if short else FRAMES))
 
 
+def _soil_identification(
+    folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None
+) -> bool:
+    from missions.case_studies.soil_identification import run_study  # noqa: PLC0415 - only needed here
+
+    return run_study(folder, console, stopped, short=short, runs=runs)
+
+
+def _graph_memory(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
+    from missions.case_studies.graph_memory import run_study  # noqa: PLC0415 - only needed here
+
+    return run_study(folder, console, stopped, short=short, minutes=runs)
+
+
+def _early_warning(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
+    from missions.case_studies.early_warning import run_study  # noqa: PLC0415 - only needed here
+
+    return run_study(folder, console, stopped, short=short, members=runs)
+
+
 STUDIES: Mapping[str, Study] = MappingProxyType(
     {
         "single_wheel": _single_wheel,
         "mars_rover": _mars_rover,
         "mars_snag": _mars_snag,
+        "early_warning": _early_warning,
         "slip_sinkage": _slip_sinkage,
         "strap_bench": _strap_bench,
         "strap_faults": _strap_faults,
         "live_endurance": _live_endurance,
         "live_faults": _live_faults,
+        "soil_identification": _soil_identification,
+        "graph_memory": _graph_memory,
     }
 )
 """In the order in which `all` runs them."""
