@@ -306,7 +306,8 @@ class TractionController:
             self._empty_band_ticks += 1
         asked = asked_mps / self._radius
         shortfall = (asked_mps - speed) / (FULL_RAISE_SHORTFALL * asked_mps) if asked_mps > 0.0 else 0.0
-        raised = asked + np.maximum(band.omega_min - asked, 0.0) * min(max(shortfall, 0.0), 1.0)
+        share = self._settings.lower_end_share * min(max(shortfall, 0.0), 1.0)
+        raised = asked + np.maximum(band.omega_min - asked, 0.0) * share
         wanted = np.minimum(raised, band.omega_max)
         return _Limits(band.omega_min, band.omega_max, wanted, band.omega_max < asked)
 
@@ -317,7 +318,8 @@ class TractionController:
         if blind.any():
             entry, leave = np.where(blind, 0.0, entry), np.where(blind, 0.0, leave)
         slip_cap = settings.slip_cap
-        if self._heeds_forecast and self._forecast.is_cautious and self._supervisor.is_under_way:
+        is_warned = self._heeds_forecast and self._forecast.is_cautious and self._supervisor.is_under_way
+        if is_warned or self._supervisor.mode is TractionMode.RETRY:
             slip_cap = min(slip_cap, settings.caution_slip_cap)
         soil = self._inputs.soil_state.record
         slip_bound = None

@@ -33,8 +33,17 @@ class TractionSettings:
             "soil_flow: largest slip allowed; s_max alone grows with sinkage, 0.45 leaves it alone", 0.01, 0.45
         ),
     )
+    lower_end_share: float = field(
+        default=0.0,
+        metadata=_tunable(
+            "soil_flow: share of the way up to the lower end of the band that wheels are raised by when slow", 0.0, 1.0
+        ),
+    )
     caution_slip_cap: float = field(
-        default=0.2, metadata=_tunable("soil_flow: largest slip allowed while the forecast says CAUTION", 0.01, 0.45)
+        default=0.2,
+        metadata=_tunable(
+            "soil_flow: largest slip allowed in a retry and while the forecast says CAUTION or SNAG", 0.01, 0.45
+        ),
     )
     acts_on_forecast: bool = field(
         default=True,

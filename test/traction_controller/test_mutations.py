@@ -271,7 +271,7 @@ def foreseen_from_the_start(patch):
 
 
 free_drive = S.test_free_drive_gives_the_retries_back
-caution = T.test_caution_that_is_said_twice_running_lowers_the_slip_cap
+caution = T.test_caution_or_a_snag_that_is_said_twice_running_lowers_the_slip_cap
 probes = T.test_under_way_and_in_a_retry_a_stall_is_called_sooner_than_at_a_start
 strap_hold = check(T.test_any_other_strap_fault_has_its_hold_time, ContactStatus.FAULT_OPEN_A)
 unheeded = check(T.test_a_forecast_that_is_not_to_be_acted_on_is_not, 3, {"acts_on_forecast": False})
@@ -396,7 +396,7 @@ MUTATIONS = {
     "a baseline heeds the forecast": (always(TractionController, "_heeds_forecast", True), baseline),
     "a snag is a halt foreseen": (
         always(ForecastWatch, "halts_ahead", True),
-        check(T.test_no_other_verdict_changes_anything, 5),
+        check(T.test_no_other_verdict_stops_the_rover, 5),
     ),
     "the way back is driven forwards": (always(TractionController, "_travel", 1.0), rear_entry),
     "the operator turns the way back round": (

@@ -98,10 +98,15 @@ def test_each_wheel_has_its_own_band():
 
 
 def test_lower_end_makes_up_for_lost_speed_but_never_drives_faster_than_asked():
-    bench = Bench()
+    bench = Bench(lower_end_share=1.0)
     bench.theta_1 = 0.7 * ONES
     bench.speed = 0.45
-    assert bench.run(3.0).commands.speed == pytest.approx(0.45 / (0.25 * math.cos(0.7)) * ONES)
+    lower_end = 0.45 / (0.25 * math.cos(0.7))
+    assert bench.run(3.0).commands.speed == pytest.approx(lower_end * ONES)
+    for share in (0.5, 0.0):
+        bench.controller.retune(TractionSettings(lower_end_share=share))
+        assert bench.run(3.0).commands.speed == pytest.approx((2.0 + share * (lower_end - 2.0)) * ONES)
+    bench.controller.retune(TractionSettings(lower_end_share=1.0))
     for speed in (0.5, 0.6):
         bench.speed = speed
         assert bench.run(3.0).commands.speed == pytest.approx(2.0 * ONES)
@@ -775,7 +780,7 @@ def test_a_start_may_slip():
 
 
 @pytest.mark.parametrize("verdict", [ForecastVerdict.NONE, ForecastVerdict.CLEAR, ForecastVerdict.SNAG])
-def test_no_other_verdict_changes_anything(verdict):
+def test_no_other_verdict_stops_the_rover(verdict):
     bench, _ = warned(verdict)
     assert bench.run(5.0).state.state in ONWARD
     assert bench.tick().commands.speed == pytest.approx(2.0 * ONES)
@@ -791,14 +796,29 @@ def cautious(*verdicts, **settings):
     return output.state.omega_max[0] * 0.25
 
 
-def test_caution_that_is_said_twice_running_lowers_the_slip_cap():
-    caution, clear = ForecastVerdict.CAUTION, ForecastVerdict.CLEAR
+def test_caution_or_a_snag_that_is_said_twice_running_lowers_the_slip_cap():
+    caution, clear, snag = ForecastVerdict.CAUTION, ForecastVerdict.CLEAR, ForecastVerdict.SNAG
     assert cautious(caution) == pytest.approx(0.2 / 0.7)
     assert cautious(caution, clear, caution) == pytest.approx(0.2 / 0.7)
     assert cautious(caution, caution) == pytest.approx(0.2 / 0.8)
     assert cautious(caution, caution, clear) == pytest.approx(0.2 / 0.7)
+    assert cautious(snag, caution) == cautious(snag, snag) == pytest.approx(0.2 / 0.8)
     assert cautious(caution, caution, caution_slip_cap=0.1) == pytest.approx(0.2 / 0.9)
     assert cautious(caution, caution, slip_cap=0.15) == pytest.approx(0.2 / 0.85)  # the tighter one holds
+
+
+def test_a_retry_goes_by_the_lower_slip_cap():
+    bench = Bench(v_creep_mps=0.0, wait_s=0.1)
+    bench.theta_1 = np.deg2rad(60.0) * ONES
+    rim_until_stall(bench)
+    bench.run(1.0)
+    bench.speed = 0.2
+    retried = bench.tick()
+    assert retried.state.state is TractionMode.RETRY
+    assert retried.state.omega_max[0] * 0.25 == pytest.approx(0.2 / 0.8)
+    free = bench.run(3.0)
+    assert free.state.state in ONWARD
+    assert free.state.omega_max[0] * 0.25 == pytest.approx(0.2 / 0.7)
 
 
 def test_a_gap_in_the_soil_states_ends_what_was_said_running():
@@ -906,6 +926,7 @@ BASE = {"wait_s": 0.3, "retries_max": 2, "v_creep_mps": 0.02, "free_distance_m":
 ROWS = [
     ("soil_flow", "v_creep_mps", 0.1),
     ("soil_flow", "slip_cap", 0.15),
+    ("soil_flow", "lower_end_share", 1.0),
     ("soil_flow", "caution_slip_cap", 0.1),
     ("soil_flow", "acts_on_forecast", False),
     ("soil_flow", "back_out_m", 0.3),
@@ -932,7 +953,7 @@ TUNABLE = [item.name for item in fields(TractionSettings) if item.metadata.get("
 
 
 def story(bench):
-    """Everything that can happen to a rover, in 13 s; what was sent on every tick."""
+    """Everything that can happen to a rover, in 14 s; what was sent on every tick."""
 
     def part(seconds, **changes):
         for name, value in changes.items():
@@ -942,6 +963,8 @@ def story(bench):
     sent = []
     part(0.2, speed=0.2, asked=0.5, slip_max=0.45)
     part(1.0, theta_1=np.deg2rad(60.0) * ONES)
+    part(1.0, speed=0.45)
+    part(0.2, speed=0.2)
     for late, seconds in (("angles", 0.2), ("odometry", 0.3), ("wheels", 0.2), ("request", 0.7), ("soil", 0.3)):
         part(seconds, silent={late})
         part(0.1, silent=set())
@@ -997,6 +1020,7 @@ def tunings(draw):
     ranges = {
         "v_creep_mps": number(0.0, 0.1),
         "slip_cap": number(0.05, 0.45),
+        "lower_end_share": number(0.0, 1.0),
         "caution_slip_cap": number(0.05, 0.45),
         "acts_on_forecast": st.booleans(),
         "back_out_m": number(0.0, 1.0),
