@@ -16,6 +16,7 @@ Lengths m, angles rad, forces N. The plant keeps no ruts, and what a following w
 whichever way it drives.
 """
 
+import functools
 import math
 from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
@@ -204,7 +205,7 @@ class Member:
 
     def believed_rover(self) -> RoverDescription:
         """The rover as estimator and controller know it."""
-        return load_rover(_ROVER)
+        return _rover()
 
     def true_rover(self) -> RoverDescription:
         """The rover as it is."""
@@ -255,6 +256,11 @@ class Member:
             tuple(1.0 + self.stiffness_per_axle * count for count in before),
             tuple(1.0 + self.digging_per_axle * count for count in before),
         )
+
+
+@functools.lru_cache(maxsize=1)
+def _rover() -> RoverDescription:
+    return load_rover(_ROVER)
 
 
 def member(family: str, number: int, variant: str = "plain") -> Member:
@@ -308,7 +314,7 @@ def _soils(family: str, kind: str, rng: np.random.Generator) -> tuple[Sand, Sand
 
 
 def _sand_of(soil: Soil, delta: float, **named: float) -> Sand:
-    width = load_rover(_ROVER).wheels[0].width_m
+    width = _rover().wheels[0].width_m
     return Sand(
         modulus=float(soil.modulus(width)),
         n=float(soil.n),

@@ -8,6 +8,7 @@ that an estimator says changes the run, so that several of them watch one drive.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -73,6 +74,16 @@ class Watcher:
     settings: SoilEstimatorSettings = field(default_factory=SoilEstimatorSettings)
     sees_suspension: bool = True
     """Whether it is told the joints: without them the slope between the axles is not known."""
+
+
+WATCHERS: Mapping[str, Watcher] = MappingProxyType(
+    {
+        "everything": Watcher(),
+        "no torque": Watcher(SoilEstimatorSettings(uses_torque=False)),
+        "no bogie angles": Watcher(sees_suspension=False),
+    }
+)
+"""The estimator as it is, and what is left of it without one of its senses."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
