@@ -11,9 +11,11 @@ from missions.case_studies.flow_sweep import SLIPS as SWEPT_SLIPS
 from missions.case_studies.flow_sweep import HeldFlow
 from missions.case_studies.plain_table import PlainTable
 from missions.case_studies.single_wheel_contact import FAMILY_DE, SLIPS, SplitCurve, StaticZones
+from missions.case_studies.single_wheel_estimation_claims import estimation_claims, step_claims
 from missions.case_studies.single_wheel_pictures import SINKAGE_STATED_MM
-from missions.case_studies.single_wheel_runs import SANDS, START_S, UNCONTROLLED, stand_deformability
+from missions.case_studies.single_wheel_runs import SANDS, START_S, UNCONTROLLED
 from missions.case_studies.single_wheel_stages import Playback
+from missions.case_studies.single_wheel_stand import stand_deformability
 from missions.case_studies.study_result import Claim, Verdict
 
 FORCE_STATED_N = (38.0, 50.0)
@@ -82,6 +84,8 @@ def claims(found: Findings) -> tuple[Claim, ...]:
         *_node_claims(found),
         *_zone_claims(found.zones),
         *_flow_claims(found),
+        *estimation_claims(found.runs),
+        *step_claims(found.runs),
         *_uncontrolled_claims(found),
         *_controlled_claims(found),
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from missions.case_studies.single_wheel_runs import stand_rover
+from missions.case_studies.single_wheel_stand import stand_rover
 from sim_bridge.scenarios import StandCase, stand_ground
 from strap_rover.arrays import FloatArray
 from strap_rover.rover import load_rover

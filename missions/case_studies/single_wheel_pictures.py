@@ -14,6 +14,7 @@ from matplotlib.patches import Circle
 from missions.case_studies.baselines import BASELINES
 from missions.case_studies.flow_sweep import SPEEDS_MPS, HeldFlow
 from missions.case_studies.single_wheel_contact import SLIPS, SplitCurve, StaticZones
+from missions.case_studies.single_wheel_estimation import SCHEDULE_S, SLIP_ALARM
 from missions.case_studies.single_wheel_runs import SANDS
 from missions.case_studies.single_wheel_stages import BED_BEHIND_M, BED_M, Playback, Stage
 from missions.case_studies.soil_nodes import MassFlow
@@ -21,6 +22,14 @@ from strap_rover.terramechanics.spiral_flow import SLIP_VALID, bulb_depth, flow_
 
 SINKAGE_STATED_MM = (30.0, 40.0)
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#8c5aa8", "#7a7a7a", "#a83232")
+STAGES_OF_FIG_10 = {
+    "0.01 rad/s": SCHEDULE_S[0],
+    "0.04 rad/s": SCHEDULE_S[2],
+    "0.1 rad/s": SCHEDULE_S[4],
+    "0.5 rad/s": SCHEDULE_S[6],
+}
+"""Where each speed of the schedule begins [s]."""
+_MARKS = {"vc_s": "vc below 1", "slip_s": f"slip above {SLIP_ALARM:g}", "settled_s": "exit angle settled"}
 _BAND = "#009e73"
 _WHEEL = "#444444"
 _DPI = 110
@@ -108,6 +117,74 @@ def draw_flow(flows: Mapping[str, Sequence[HeldFlow]], path: Path) -> None:
         row[1].legend(frameon=False, fontsize=8)
         for axis in row:
             _plain(axis)
+    _save(figure, path)
+
+
+def draw_estimation(runs: Mapping[str, Sequence[Mapping[str, Any]]], path: Path) -> None:
+    """Fig. 10: de and st with and without torque over time, and their errors beside the 1-sigma claimed.
+
+    Args:
+        runs: runs by what they were told.
+        path: of the PNG.
+    """
+    figure = _figure(12.0, 7.5)
+    axes = figure.subplots(2, 2, sharex=True)
+    for (told, members), colour in zip(runs.items(), _COLOURS, strict=False):
+        for column, name in enumerate(("de", "st")):
+            time_s = np.array(members[0]["time_s"])
+            values, std = np.array([run[name] for run in members]), np.array([run[f"{name}_std"] for run in members])
+            true = members[0][f"true_{name}"]
+            axes[0, column].plot(time_s, values.T, color=colour, linewidth=0.7, alpha=0.7)
+            mean, claimed = values.mean(axis=0), std.mean(axis=0)
+            axes[0, column].fill_between(time_s, mean - claimed, mean + claimed, color=colour, alpha=0.15, linewidth=0)
+            axes[0, column].axhline(true, color="black", linewidth=0.9, linestyle=(0, (4, 3)))
+            error = np.sqrt(np.mean((values - true) ** 2, axis=0))
+            axes[1, column].plot(time_s, error, color=colour, label=f"rms error {told}")
+            axes[1, column].plot(time_s, claimed, color=colour, linestyle=(0, (3, 2)), label=f"1-sigma claimed {told}")
+            axes[0, column].set(title=f"(a) {name}; dashed: true", ylim=(0.0, 1.0))
+            axes[1, column].set(title=f"(b) error of {name}", xlabel="time [s]", ylim=(0.0, None))
+    for axis in axes.ravel():
+        _plain(axis)
+        for name, start_s in STAGES_OF_FIG_10.items():
+            axis.axvline(start_s, color="#999999", linewidth=0.7, linestyle=":")
+            if axis in axes[0]:
+                axis.text(start_s, 0.02, f" {name}", fontsize=7, color="#666666", rotation=90, va="bottom")
+    axes[1, 1].legend(frameon=False, fontsize=8)
+    figure.suptitle(
+        "One wheel on S11 at the speeds of a schedule; straps, encoder, odometry and torque as noisy as usual"
+    )
+    _save(figure, path)
+
+
+def draw_step_up(runs: Mapping[str, Sequence[Mapping[str, Any]]], path: Path) -> None:
+    """Fig. 11: flow ratio, exit angle, slip and speed after the wheel is turned up to 4 rad/s; a column per sand."""
+    figure = _figure(12.0, 8.5)
+    axes = figure.subplots(4, len(runs), sharex=True, squeeze=False)
+    panels = (
+        ("vc", "flow ratio vc [-]", 1.0),
+        ("slip", "slip, measured [-]", SLIP_ALARM),
+        ("theta_2_rad", "exit angle [rad]", None),
+        ("speed_mps", "speed [m/s]", None),
+    )
+    for column, (sand, members) in zip(axes.T, runs.items(), strict=True):
+        for axis, (name, label, limit) in zip(column, panels, strict=True):
+            for run in members:
+                axis.plot(run["time_s"], np.clip(run[name], -1.0, 3.0), color=_COLOURS[0], linewidth=0.7, alpha=0.6)
+            if limit is not None:
+                axis.axhline(limit, color="#b2182b", linewidth=0.9, linestyle=":")
+            axis.set_ylabel(label)
+            _plain(axis)
+            for alarm, colour in (("vc_s", _COLOURS[1]), ("slip_s", _COLOURS[3]), ("settled_s", _COLOURS[2])):
+                known = [run[alarm] for run in members if run[alarm] is not None]
+                if known:
+                    told = float(np.median(known))
+                    axis.axvline(
+                        told, color=colour, linewidth=1.1, linestyle="--", label=f"{_MARKS[alarm]}, {told:.2f} s"
+                    )
+        column[0].set_title(sand)
+        column[0].legend(frameon=False, fontsize=8)
+        column[-1].set_xlabel("time since the step [s]")
+    figure.suptitle("Turned up to 4 rad/s at once: every member; dashed: medians of when it was told")
     _save(figure, path)
 
 

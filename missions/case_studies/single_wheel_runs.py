@@ -3,10 +3,8 @@
 A run goes to a worker process as a small record and comes back as plain JSON values.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +12,8 @@ import numpy.typing as npt
 
 from missions.case_studies.baselines import BASELINES, SOIL_FLOW, baseline_plan
 from missions.case_studies.flow_sweep import SLIPS, SPEEDS_MPS, HeldSlip, run_held_slip
+from missions.case_studies.single_wheel_estimation import SOILS, Estimation, StepUp, run_estimation, run_step_up
+from missions.case_studies.single_wheel_stand import stand_deformability, stand_rover
 from missions.core_run import run_cores
 from missions.plan import RunPlan
 from missions.run_log import RunLog
@@ -23,9 +23,6 @@ from sim_bridge.plant import MEASURED_REFILL, Plant
 from sim_bridge.scenarios import REFERENCE_STAND, StandCase, random_stand_case, stand_scenario
 from strap_rover import topics
 from strap_rover.arrays import FloatArray
-from strap_rover.rover import RoverDescription, load_rover
-from strap_rover.terramechanics.contact import Wheel, deformability_from_zone, static_contact_zone
-from strap_rover.terramechanics.soil import TABLE_II, Soil
 
 FAMILY_SEED = 20200622
 """Members are drawn from this; nothing was tuned on them."""
@@ -35,6 +32,8 @@ WEAK_S = 40.0
 UNCONTROLLED = "constant 2 rad/s"
 TRACE_S = 0.2
 """Time between the points that a run's curves keep."""
+STEPPED = ("trapping", "weak")
+"""Sands on which Fig. 11's wheel is turned up: it goes on, and it digs itself in."""
 START_S = 3.0
 """The controllers' ramps are over by then; what a run is judged by comes after."""
 FREE_S, FREE_STEP_S = 0.3, 0.001
@@ -104,22 +103,7 @@ class FreeWheel:
     omega_radps: float = 2.0
 
 
-Job = Drive | FreeWheel | HeldSlip
-
-
-@lru_cache(maxsize=1)
-def stand_rover() -> RoverDescription:
-    """The test-stand wheel."""
-    return load_rover("single_wheel")
-
-
-def stand_deformability() -> tuple[float, float]:
-    """Static contact zone [deg] of the test-stand wheel on S11, and the de that the consistent inverse gives it."""
-    rover = stand_rover()
-    wheel = Wheel(rover.wheels[0].radius_m, rover.wheels[0].width_m)
-    bekker = TABLE_II["S11"]
-    zone = float(static_contact_zone(wheel, Soil(*bekker, cohesion=0.0, friction_angle=0.5), rover.vertical_load_n))
-    return math.degrees(zone), float(deformability_from_zone(wheel, rover.vertical_load_n, zone))
+Job = Drive | FreeWheel | HeldSlip | Estimation | StepUp
 
 
 def study_jobs(members: int, *, short: bool) -> dict[str, Job]:
@@ -138,14 +122,31 @@ def study_jobs(members: int, *, short: bool) -> dict[str, Job]:
             for slip in SLIPS:
                 jobs[f"sweep {kind} {speed:g} m/s slip {slip:g}"] = HeldSlip(SANDS[kind].reference(), speed, slip, de)
     for number, source in enumerate(np.random.SeedSequence(FAMILY_SEED).spawn(members)):
-        noise = float(np.random.default_rng(source.spawn(1)[0]).uniform(0.5, 2.0))
-        for sand in SANDS.values():
-            case = sand.member(source)
-            for controller in BASELINES:
-                jobs[f"{sand.name} {number} {controller}"] = Drive(
-                    sand.name, case, controller, number, _duration(sand, short), noise
-                )
+        jobs |= _member_jobs(number, source, short=short)
     return jobs
+
+
+def _member_jobs(number: int, source: np.random.SeedSequence, *, short: bool) -> dict[str, Job]:
+    """Figs 10 and 11 and every controller on every sand, for one member."""
+    jobs: dict[str, Job] = {}
+    noise = float(np.random.default_rng(source.spawn(1)[0]).uniform(0.5, 2.0))
+    for soil in SOILS:
+        for uses_torque in (True, False):
+            jobs[estimation_key(soil, number, uses_torque=uses_torque)] = Estimation(soil, number, uses_torque)
+    for name in STEPPED:
+        jobs[f"step {name} {number}"] = StepUp(SANDS[name].member(source), number, noise)
+    for sand in SANDS.values():
+        case = sand.member(source)
+        for controller in BASELINES:
+            jobs[f"{sand.name} {number} {controller}"] = Drive(
+                sand.name, case, controller, number, _duration(sand, short), noise
+            )
+    return jobs
+
+
+def estimation_key(soil: str, number: int, *, uses_torque: bool) -> str:
+    """Of a run of Fig. 10."""
+    return f"estimation {soil} {number} {'with' if uses_torque else 'without'} torque"
 
 
 def _duration(sand: Sand, short: bool) -> float:
@@ -158,6 +159,10 @@ def run_job(job: Job) -> dict[str, Any]:
         return run_drive(job)
     if isinstance(job, FreeWheel):
         return run_free_wheel(job)
+    if isinstance(job, Estimation):
+        return run_estimation(job)
+    if isinstance(job, StepUp):
+        return run_step_up(job)
     return asdict(run_held_slip(stand_rover(), job))
 
 

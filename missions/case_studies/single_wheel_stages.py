@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from missions.case_studies.flow_sweep import DENSITY
-from missions.case_studies.single_wheel_runs import stand_rover
+from missions.case_studies.single_wheel_stand import stand_rover
 from missions.case_studies.soil_nodes import BED_DEPTH, MassFlow, Passing, Rut, SoilNodes
 from strap_rover.arrays import FloatArray
 from strap_rover.terramechanics.spiral_flow import bulb_depth, flow_centre

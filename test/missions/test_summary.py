@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from missions.case_studies.single_wheel_runs import stand_deformability
+from missions.case_studies.single_wheel_stand import stand_deformability
 from missions.plan import plan_run
 from missions.run_log import RunLogBuilder
 from missions.summary import Outcome, run_events, summarize, write_summary

@@ -20,6 +20,8 @@ from missions.case_studies.single_wheel import (
     study_result,
 )
 from missions.case_studies.single_wheel_claims import claims, family_tables, spread, unbalanced_energy
+from missions.case_studies.single_wheel_estimation import Estimation, StepUp
+from missions.case_studies.single_wheel_estimation_claims import estimation_tables
 from missions.case_studies.single_wheel_runs import UNCONTROLLED, Drive, FreeWheel, drive_plan, study_jobs
 from missions.case_studies.study_result import Verdict, read_study_result
 
@@ -51,6 +53,32 @@ def free(load_n, final_mps=0.4):
     }  # fmt: skip
 
 
+def estimation(uses_torque, st_error=0.02, creeping_error=-0.1, de_error=0.01):
+    """As run_estimation gives it: st is found at 0.5 rad/s, with torque."""
+    time_s = np.round(np.arange(1, 221) * 0.1, 6)
+    is_driven = time_s > 14.0
+    error = np.where(is_driven & uses_torque, st_error, creeping_error)
+    std = np.where(is_driven & uses_torque, 0.05, 0.29)
+    curves = {"de": 0.51 + de_error + 0.0 * time_s, "de_std": 0.015 + 0.001 * time_s, "st": 0.6 + error, "st_std": std}
+    return {"true_de": 0.51, "true_st": 0.6, "time_s": time_s.tolist(), "omega_radps": time_s.tolist()} | {
+        name: values.tolist() for name, values in curves.items()
+    }
+
+
+def step_up(is_weak, vc_s=0.3, slip_s=0.35, settled_s=0.45):
+    """As run_step_up gives it."""
+    time_s = np.round(np.arange(1, 61) * 0.02, 6)
+    alarms = (
+        {"vc_s": vc_s, "slip_s": slip_s, "angle_s": 0.6, "halted_s": 0.7}
+        if is_weak
+        else dict.fromkeys(("vc_s", "slip_s", "angle_s", "halted_s"))
+    )
+    names = ("speed_mps", "theta_1_rad", "theta_2_rad", "sinkage_m", "vc", "slip")
+    return (
+        alarms | {"settled_s": settled_s, "time_s": time_s.tolist()} | {name: (0.1 * time_s).tolist() for name in names}
+    )
+
+
 def made_up(change=None, members=MEMBERS):
     """Runs as they come from the workers; `change(key)` gives what a drive differs in."""
     runs = {}
@@ -59,6 +87,10 @@ def made_up(change=None, members=MEMBERS):
             runs[key] = drive(**(change(key) if change else {}))
         elif isinstance(job, FreeWheel):
             runs[key] = free(job.load_n)
+        elif isinstance(job, Estimation):
+            runs[key] = estimation(job.uses_torque)
+        elif isinstance(job, StepUp):
+            runs[key] = step_up(is_weak=key.startswith("step weak"))
         else:
             assert isinstance(job, HeldSlip)
             flow = 0.01 * job.speed_mps
@@ -131,6 +163,42 @@ def test_the_speed_must_drop_to_be_like_the_papers(found):
     run = drive()
     run["trace"]["command_radps"][:10] = [0.2, 0.6, 0.9, 0.9, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]
     assert verdict(replace(found, runs={**found.runs, key: run}), "Fig. 14(b)") is Verdict.CHANGED
+
+
+def like(found, prefix, run):
+    """The findings with `run` for every run of a kind."""
+    return replace(found, runs={key: run if key.startswith(prefix) else was for key, was in found.runs.items()})
+
+
+def test_de_is_found_where_it_is_near_the_truth_and_st_where_it_is_no_guess(found):
+    assert verdict(found, "Fig. 10", "error of de, semi") is Verdict.REPRODUCED
+    wrong = like(found, "estimation S11", estimation(uses_torque=True, de_error=0.2))
+    assert verdict(wrong, "Fig. 10", "error of de, semi") is Verdict.NOT_REPRODUCED
+    assert verdict(found, "Fig. 10", "st in dynamic") is Verdict.CHANGED  # found, but not at 0.04 rad/s
+    far_off = like(found, "estimation S11", estimation(uses_torque=True, st_error=0.3))
+    assert verdict(far_off, "Fig. 10", "st in dynamic") is Verdict.NOT_REPRODUCED
+    assert verdict(found, "Fig. 10", "error of st, semi") is Verdict.REPRODUCED
+    assert verdict(found, "Fig. 10", "without motor torque") is Verdict.NO_NUMBER
+
+
+def test_vc_must_tell_before_the_angle_has_settled_and_before_the_wheel_stands(found):
+    assert verdict(found, "Fig. 11", "before the contact angle") is Verdict.CHANGED
+    assert verdict(found, "Fig. 11", "early warning") is Verdict.CHANGED
+    late = like(found, "step weak", step_up(is_weak=True, vc_s=0.8))
+    assert verdict(late, "Fig. 11", "before the contact angle") is Verdict.NOT_REPRODUCED
+    assert verdict(late, "Fig. 11", "early warning") is Verdict.NOT_REPRODUCED
+    silent = like(found, "step weak", step_up(is_weak=True, vc_s=None))
+    assert verdict(silent, "Fig. 11", "early warning") is Verdict.NOT_REPRODUCED
+
+
+def test_the_tables_of_estimation_count_every_run(found):
+    errors, alarms = estimation_tables(found.runs)
+    assert [row[0] for row in errors.rows][:2] == ["family, with torque: de", "family, with torque: st"]
+    assert errors.rows[3][-1] == "0.100 (claims 0.290)"  # st without torque
+    assert [row[:3] for row in alarms.rows] == [
+        ("weak", "3", "0.30 (0.30 to 0.30), 3"),
+        ("trapping", "3", "-"),
+    ]
 
 
 def test_the_rule_of_the_paper_contradicts_its_own_equation(found):

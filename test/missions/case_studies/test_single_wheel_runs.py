@@ -7,6 +7,7 @@ import pytest
 
 from missions.case_studies.baselines import BASELINES
 from missions.case_studies.flow_sweep import HeldSlip
+from missions.case_studies.single_wheel_estimation import Estimation, StepUp
 from missions.case_studies.single_wheel_runs import (
     FREE_S,
     REFERENCE_STAND,
@@ -18,14 +19,20 @@ from missions.case_studies.single_wheel_runs import (
     FreeWheel,
     drive_plan,
     run_job,
-    stand_deformability,
     study_jobs,
 )
+from missions.case_studies.single_wheel_stand import stand_deformability
 
 
 def test_the_study_has_eighteen_held_runs_per_sand_and_every_controller_on_every_member():
     jobs = study_jobs(3, short=False)
-    assert Counter(type(job) for job in jobs.values()) == {Drive: 6 + 3 * 3 * 6, FreeWheel: 2, HeldSlip: 36}
+    assert Counter(type(job) for job in jobs.values()) == {
+        Drive: 6 + 3 * 3 * 6,
+        FreeWheel: 2,
+        HeldSlip: 36,
+        Estimation: 3 * 2 * 2,
+        StepUp: 3 * 2,
+    }
     for number in range(3):
         for sand in SANDS:
             members = [jobs[f"{sand} {number} {name}"] for name in BASELINES]
