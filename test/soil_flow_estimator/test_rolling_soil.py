@@ -78,7 +78,7 @@ def test_rolling_finds_the_soil_forwards_and_backwards():
         # Loads here are equal; the pull of the wheels, it thinks, has moved a tenth of them from front to rear.
         assert ride.soil.de.mean() == pytest.approx(0.3, abs=0.02)
         assert ride.soil.st.mean() == pytest.approx(0.45, abs=0.05)
-        assert ride.soil.de == pytest.approx(0.3 * ONES, abs=0.06)
+        assert ride.soil.de == pytest.approx(0.3 * ONES, abs=0.08)
         assert ride.soil.has_learned.all()
 
 
