@@ -6,6 +6,7 @@ simpler alarms are tuned on one half of family B to cry as often as the forecast
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import count, islice
 from pathlib import Path
 from typing import Any, Final
@@ -27,6 +28,7 @@ from missions.case_studies.early_warning_results import (
     Results,
     thresholds,
 )
+from missions.case_studies.early_warning_rig import drive_constantly
 from missions.case_studies.early_warning_runs import (
     DRIVERS,
     EVERYTHING,
@@ -38,6 +40,7 @@ from missions.case_studies.early_warning_runs import (
 )
 from missions.case_studies.early_warning_scoring import FAR_M, ScoredRun, score_runs
 from missions.case_studies.early_warning_tables import all_tables
+from missions.case_studies.early_warning_trace import Trace
 from missions.case_studies.run_ledger import RUNS_FILE, LedgerForm, run_jobs
 from missions.case_studies.study_result import StudyResult
 from missions.stop_request import never
@@ -106,12 +109,19 @@ def with_members(form: Form, members: int) -> Form:
 def numbers(name: str, form: Form, wanted: int) -> list[int]:
     """Numbers of the first members of a set or a family; B-tune and B-test have none in common."""
     first = form.skipped + (B_TUNE if name == TEST else 0)
-    family = name[0]
-    chosen = (n for n in count(first) if form.least_radps == 0.0 or member(family, n).wheel_speed >= form.least_radps)
-    found = list(islice(chosen, wanted))
+    if form.least_radps > 0.0:
+        found = list(islice((n for n in count(first) if _wheel_speed(name[0], n) >= form.least_radps), wanted))
+    else:
+        found = list(range(first, first + wanted))
     if name == TUNE and found and found[-1] >= B_TUNE:
         raise ValueError(f"{TUNE} has {B_TUNE} members, {wanted} are asked for; give fewer")
     return found
+
+
+@lru_cache(maxsize=1000)
+def _wheel_speed(family: str, number: int) -> float:
+    """Drawing a member takes some ten milliseconds."""
+    return member(family, number).wheel_speed
 
 
 def open_jobs(form: Form) -> dict[str, list[Job]]:
@@ -182,8 +192,7 @@ def run_study(
     members: int | None = None,
 ) -> bool:
     """Run the study on all cores into `folder`; False when `stopped()` ended it early (what is done is kept)."""
-    from missions.case_studies.early_warning_pictures import draw_all, example_run  # noqa: PLC0415 - matplotlib is slow
-    from missions.case_studies.early_warning_rig import drive_constantly  # noqa: PLC0415 - only for the picture
+    from missions.case_studies.early_warning_pictures import draw_all  # noqa: PLC0415 - matplotlib is slow
 
     form = SHORT if short else FULL
     form = form if members is None else with_members(form, members)
@@ -194,12 +203,7 @@ def run_study(
         return False
     results = results_from(form, found)
     tuned = thresholds(results.open[TUNE])
-    chosen = example_run(results.open[TEST])
-    example = None
-    if chosen is not None:
-        watcher = {EVERYTHING: WATCHERS[EVERYTHING]}
-        example = drive_constantly(member(chosen.family, chosen.number), watcher)[EVERYTHING]
-    figures = draw_all(results, tuned, example, folder)
+    figures = draw_all(results, tuned, example_of(results.open[TEST]), folder)
     result = replace(study_result(results, tuned, len(jobs), short=short), figures=figures)
     result.write(folder)
     write_tables(result, folder / TABLES_FILE)
@@ -211,6 +215,17 @@ def run_study(
         f"every run: {escape(str(folder / RUNS_FILE))}"
     )
     return True
+
+
+def example_of(runs: Sequence[ScoredRun]) -> Trace | None:
+    """A halt that is told with a middling lead, driven once more for its trace; None without any."""
+    from missions.case_studies.early_warning_pictures import example_run  # noqa: PLC0415 - matplotlib is slow
+
+    chosen = example_run(runs)
+    if chosen is None:
+        return None
+    drives = drive_constantly(member(chosen.family, chosen.number), {EVERYTHING: WATCHERS[EVERYTHING]})
+    return drives[EVERYTHING]
 
 
 def study_result(results: Results, tuned: Mapping[str, float], runs: int, *, short: bool) -> StudyResult:

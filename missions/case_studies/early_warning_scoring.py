@@ -255,18 +255,24 @@ class Scoring:
 
 
 def score_runs(runs: Sequence[ScoredRun], score: str, threshold: float, *, draws: int = 400, seed: int = 0) -> Scoring:
-    """What `score` is worth at a threshold. Shares of nothing, and leads of no halt, are zero."""
+    """What `score` is worth at a threshold. Shares of nothing, and leads of no halt, are zero.
+
+    The bootstrap draws anew from the runs that pass and from those that halt, as many of each as there are.
+    """
     outcomes = _Outcomes.of(runs, score, threshold)
     rng = np.random.default_rng(seed)
-    drawn = np.array([outcomes.figures(rng.integers(0, len(runs), len(runs))) for _ in range(draws if runs else 0)])
-    found = Figures(*outcomes.figures(np.arange(len(runs))))
-    low, high = np.quantile(drawn, INTERVAL, axis=0) if drawn.size else (_listed(found), _listed(found))
-    halts = int(outcomes.is_halt.sum())
-    return Scoring(len(runs) - halts, halts, found, Figures(*map(float, low)), Figures(*map(float, high)))
-
-
-def _listed(figures: Figures) -> list[float]:
-    return [getattr(figures, item.name) for item in fields(figures)]
+    passes, halts = np.flatnonzero(~outcomes.is_halt), np.flatnonzero(outcomes.is_halt)
+    found = outcomes.figures(passes[None], halts[None])[0]
+    low = high = found
+    if draws:
+        drawn = outcomes.figures(
+            *(
+                rng.choice(part, (draws, part.size)) if part.size else np.zeros((draws, 0), dtype=np.int64)
+                for part in (passes, halts)
+            )
+        )
+        low, high = np.quantile(drawn, INTERVAL, axis=0)
+    return Scoring(passes.size, halts.size, *(Figures(*row.tolist()) for row in (found, low, high)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -303,24 +309,23 @@ class _Outcomes:
             np.array([run.length_m for run in runs], dtype=np.float64),
         )
 
-    def figures(self, chosen: IntArray) -> list[float]:
-        """In the order of `Figures`, over the chosen runs."""
-        is_halt = self.is_halt[chosen]
-        passes, halts = chosen[~is_halt], chosen[is_halt]
-        false = float(self.is_false[passes].sum())
-        way_km = 1e-3 * float(self.length_m[passes].sum())
-        rim = self.rim_m[halts] if halts.size else np.zeros(1)
-        return [
-            false / max(passes.size, 1),
-            false / way_km if way_km > 0.0 else 0.0,
-            float(self.is_in_time[halts].sum()) / max(halts.size, 1),
-            float((self.rim_m[halts] >= LONG_LEAD_M).sum()) / max(halts.size, 1),
-            float(self.is_early[halts].sum()) / max(halts.size, 1),
-            float(np.median(rim)),
-            float(np.quantile(rim, 0.1)),
-            float(np.median(self.way_m[halts])) if halts.size else 0.0,
-            float(np.median(self.time_s[halts])) if halts.size else 0.0,
-        ]
+    def figures(self, passes: IntArray, halts: IntArray) -> FloatArray:
+        """Columns in the order of `Figures`, a row per draw, from indices of shape (draws, passes), (draws, halts)."""
+        columns = np.zeros((passes.shape[0], len(fields(Figures))))
+        if passes.shape[1]:
+            false = self.is_false[passes]
+            columns[:, 0] = false.mean(axis=1)
+            columns[:, 1] = false.sum(axis=1) / (1e-3 * self.length_m[passes].sum(axis=1))
+        if halts.shape[1]:
+            rim = self.rim_m[halts]
+            columns[:, 2] = self.is_in_time[halts].mean(axis=1)
+            columns[:, 3] = (rim >= LONG_LEAD_M).mean(axis=1)
+            columns[:, 4] = self.is_early[halts].mean(axis=1)
+            columns[:, 5] = np.median(rim, axis=1)
+            columns[:, 6] = np.quantile(rim, 0.1, axis=1)
+            columns[:, 7] = np.median(self.way_m[halts], axis=1)
+            columns[:, 8] = np.median(self.time_s[halts], axis=1)
+        return columns
 
 
 def leads_rim_m(runs: Sequence[ScoredRun], score: str, threshold: float) -> FloatArray:
@@ -349,9 +354,9 @@ def threshold_at(runs: Sequence[ScoredRun], score: str, false_rate: float) -> fl
     return float(levels[within[0]])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class RateCurve:
-    """What a score is worth at every level of its scale; shape (levels,)."""
+    """What a score is worth over the levels of its scale; shape (levels,)."""
 
     threshold: FloatArray
     false_rate: FloatArray
@@ -360,11 +365,12 @@ class RateCurve:
 
 
 def rate_curve(runs: Sequence[ScoredRun], score: str) -> RateCurve:
-    """False alarms and recall over all thresholds."""
+    """False alarms and recall over the thresholds, about fifty of them."""
     levels = _levels_of(runs, score)
-    every = np.arange(len(runs))
-    rows = np.array([_Outcomes.of(runs, score, float(level)).figures(every) for level in levels])
-    return RateCurve(levels, rows[:, 0], rows[:, 2], rows[:, 3])
+    levels = levels[:: max(1, levels.size // 50)]
+    found = [score_runs(runs, score, float(level), draws=0).found for level in levels]
+    columns = (np.array([getattr(one, name) for one in found]) for name in ("false_rate", "recall", "recall_long"))
+    return RateCurve(levels, *columns)
 
 
 def truncated_auc(runs: Sequence[ScoredRun], score: str, before_m: float) -> float:
