@@ -12,7 +12,7 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 from rich.console import Console
 
-from benchmarks.cores import plant, strap_reader, tick
+from benchmarks.cores import plant, strap_reader, tick, tick_tail
 from benchmarks.decoder import decoder
 from benchmarks.latency import latency, latency_events
 from benchmarks.live_cpu import live_cpu
@@ -21,6 +21,7 @@ from benchmarks.recording import recorder
 from benchmarks.report import conditions, load_average, print_rows, write_document
 from benchmarks.row import Row
 from benchmarks.run_report import run_report
+from benchmarks.soil import halting_forecast, soil_filter
 from benchmarks.solves import batch_solve, single_solve
 from benchmarks.whole_runs import demo, memory_growth, memory_peak
 
@@ -32,6 +33,9 @@ BENCHMARKS: Mapping[str, Callable[[], Row]] = {
         plant,
         demo,
         tick,
+        tick_tail,
+        soil_filter,
+        halting_forecast,
         strap_reader,
         latency,
         latency_events,
