@@ -124,7 +124,7 @@ class LawWheels:
         self._pulls = np.zeros(count)
         self._place = np.array([wheel.x_m for wheel in wheels])
         self._joints = np.zeros(len(rover.suspension_joints))
-        self._angle: FloatArray = 1.3 * np.arange(count)
+        self._angle = np.asarray(1.3 * np.arange(count), dtype=np.float64)
         self._excavated, self._relaxed, self._standing = np.zeros(count), np.zeros(count), np.ones(count)
         self._pressed, self._theta = np.zeros(count), np.zeros((2, count))
         self._now_ns = 0
