@@ -13,7 +13,7 @@ Study = Callable[[Path, Console, Callable[[], bool], bool, int | None], bool]
 def _mars_snag(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:
     from missions.case_studies.mars_snag import run_study  # noqa: PLC0415 - only needed here
 
-    return run_study(folder, runs or (2 if short else 100), console, stopped, short=short)
+    return run_study(folder, runs or (1 if short else 100), console, stopped, short=short)
 
 
 def _single_wheel(folder: Path, console: Console, stopped: Callable[[], bool], short: bool, runs: int | None) -> bool:

@@ -130,7 +130,8 @@ def _run(trace: Trace) -> Figure:
     for axis in (slip, z, sinkage):
         for name, rim in marks.items():
             if rim is not None:
-                axis.axvline(rim, color=colours[name], linewidth=1.2, linestyle="--", label=name)
+                label = name if axis is slip else None
+                axis.axvline(rim, color=colours[name], linewidth=1.2, linestyle="--", label=label)
         axis.legend(frameon=False, fontsize=8, loc="upper left")
     _all_plain((slip, z, sinkage))
     return figure
