@@ -53,7 +53,7 @@ class SoilState:
     """Deformability, 0 firm .. 1 soft: that of the soil family whose standing wheel has the same contact zone."""
     de_std: FloatArray
     st: FloatArray
-    """Stickiness, 0 .. 1. Angles do not reveal it: this is the prior, 0.5 +- 0.29."""
+    """Stickiness, 0 .. 1. Angles do not reveal it: without motor torque it stays near its prior, 0.5 +- 0.29."""
     st_std: FloatArray
     vc: FloatArray
     """Critical flow ratio M_ent/M_out, at slip not below 0.115. Meaningless on firm ground and at symmetric contact."""
