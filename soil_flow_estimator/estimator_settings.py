@@ -63,9 +63,9 @@ class SoilEstimatorSettings:
     caution_z: float = field(
         default=0.0, metadata=_tunable("halting score above which to drive with care", -10.0, 10.0)
     )
-    stop_z: float = field(default=1.0, metadata=_tunable("halting score above which to stop", -10.0, 10.0))
+    stop_z: float = field(default=0.8, metadata=_tunable("halting score above which to stop", -10.0, 10.0))
     slip_alarm: float = field(
-        default=0.45, metadata=_tunable("slip, averaged over 0.3 s, above which the wheels slip away", 0.05, 1.0)
+        default=0.6, metadata=_tunable("slip, as it will be in 0.4 s, above which the wheels slip away", 0.05, 1.0)
     )
     soil_density_kgpm3: float = field(
         default=1600.0, metadata=_tunable("bulk density of the soil [kg/m^3]", 100.0, 5000.0)

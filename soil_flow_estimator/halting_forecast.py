@@ -14,7 +14,8 @@ z is a score, not a probability: strength that is not mobilised is hardly seen a
 behind the middle wheels taken the other way tells whether the rover could come back out.
 
 What appears within centimetres (a stone under the belly) is no soil: while the disturbance has just jumped the margin
-says nothing, and the verdict is SNAG. Slip beyond SLIP_MOST is SLIPPING whatever the soil.
+says nothing, and the verdict is SNAG. Slip that is beyond a limit, or will be within SLIP_AHEAD_S as it grows now, is
+SLIPPING whatever the soil: wheels that hold out at a large slip do so steadily, those that do not run away.
 """
 
 import functools
@@ -57,12 +58,16 @@ SNAG_HOLD_M = 1.2
 DEMAND_RIM_M = 0.1
 SLIP_S = 0.3
 """Low-pass of the slip that is judged [s]."""
+SLIP_AHEAD_S = 0.4
+"""How far ahead the slip is judged [s]."""
+SLIP_RATE_READINGS = 2
+"""Readings over which its rate is taken."""
 ACCELERATION_S = 0.4
 PITCH_STD_RAD = 0.003
 UNMODELLED_STD_RATIO = 0.045
 """1-sigma of the margin that no state tells of, over the rover's weight."""
 RUNNING = 2
-"""Readings running that it takes to say STOP or SLIPPING."""
+"""Readings running that it takes to say STOP."""
 UNDER_WAY_M = 0.1
 """Way since the rover last stood after which its slip says something: a start is all slip [m]."""
 LEARNING = 10
@@ -77,8 +82,8 @@ class ForecastLimits:
     """Where verdicts begin."""
 
     caution_z: float = 0.0
-    stop_z: float = 1.0
-    slip_most: float = 0.45
+    stop_z: float = 0.8
+    slip_most: float = 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +130,13 @@ class HaltingForecast:
         self._readings = 0
         self._speed: float | None = None
         self._acceleration = 0.0
-        self._slip = 0.0
+        self._slips = [0.0] * (SLIP_RATE_READINGS + 1)
+        self._slip_ahead = 0.0
         self._way = 0.0
         self._disturbance = self._sudden = self._trend = 0.0
         self._demand = self._demand_return = 0.0
         self._snag_rim_m = 0.0
-        self._halting = self._slipping = 0
+        self._halting = 0
 
     def turn_back(self) -> None:
         """The rover drives the other way: what lay ahead lies behind."""
@@ -212,7 +218,10 @@ class HaltingForecast:
         self._speed += share * (speed - self._speed)
         self._acceleration += share * ((self._speed - before) / step_s - self._acceleration)
         slip = min(max((rim - speed) / max(rim, LEAST_SLIP_SPEED), -1.0), 1.0) if rim > MOVING_RIM_MPS else 0.0
-        self._slip += step_s / (SLIP_S + step_s) * (slip - self._slip)
+        last = self._slips[-1] + step_s / (SLIP_S + step_s) * (slip - self._slips[-1])
+        self._slips = [*self._slips[1:], last]
+        rate = (last - self._slips[0]) / (SLIP_RATE_READINGS * step_s)
+        self._slip_ahead = last + SLIP_AHEAD_S * rate
         self._way = self._way + max(speed, 0.0) * step_s if rim > MOVING_RIM_MPS else 0.0
 
     def _judge(self, z: float, rim: float, rim_way: float, limits: ForecastLimits) -> ForecastVerdict:
@@ -221,11 +230,7 @@ class HaltingForecast:
             self._snag_rim_m = SNAG_HOLD_M
         if rim > MOVING_RIM_MPS:
             self._halting = self._halting + 1 if z > limits.stop_z and not self._snag_rim_m else 0
-            slips = self._slip > limits.slip_most and self._way > UNDER_WAY_M
-            self._slipping = self._slipping + 1 if slips else 0
-        else:
-            self._slipping = 0
-        if self._slipping >= RUNNING:
+        if rim > MOVING_RIM_MPS and self._way > UNDER_WAY_M and self._slip_ahead > limits.slip_most:
             return ForecastVerdict.SLIPPING
         if self._snag_rim_m:
             return ForecastVerdict.SNAG

@@ -70,7 +70,7 @@ class SoilState:
     scout_margin_std: float = 0.0
     """1-sigma of the margin [N]; 0 while nothing is known."""
     scout_z: float = 0.0
-    """Halting score -margin/std: above 0 the margin is spent, above 1 beyond its uncertainty. No probability."""
+    """Halting score -margin/std: above 0 the margin is spent, above 0.8 the verdict is STOP. No probability."""
     scout_z_return: float = 0.0
     """The same for the way back out: above 0 the rover could not return over what it now stands in."""
     scout_disturbance: float = 0.0
