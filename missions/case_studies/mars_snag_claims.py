@@ -131,7 +131,7 @@ def _claims_of(
             "deepest sinkage",
             "no more than the best other's",
             f"median {median[SOIL_FLOW]:.0f} mm, {shallowest.other} {median[shallowest.other]:.0f} mm; pairs differ by "
-            f"{shallowest.sinkage.median_difference:+.1f} mm (p {_p(shallowest.p_sinkage)})",
+            f"{_mm(shallowest.sinkage.median_difference)} mm (p {_p(shallowest.p_sinkage)})",
             Verdict.NOT_MET if is_deeper else Verdict.MET,
             "best: of those that drive off most often, the one that digs least",
         ),
@@ -160,9 +160,13 @@ def _row(comparison: Comparison) -> tuple[str, ...]:
         str(rates.only_second),
         str(rates.neither),
         _p(comparison.p_rates),
-        f"{comparison.sinkage.median_difference:+.1f}",
+        _mm(comparison.sinkage.median_difference),
         _p(comparison.p_sinkage),
     )
+
+
+def _mm(difference: float) -> str:
+    return f"{round(difference, 1) + 0.0:+.1f}"  # no minus before a zero
 
 
 def _p(p_value: float) -> str:
