@@ -3,12 +3,8 @@
 from soil_flow_estimator.soil_state import ForecastVerdict, SoilState
 
 STATES_RUNNING = 2
-"""Caution and the way back are heeded once so many soil states running call for it. One is enough to stop and to slip:
+"""Caution and the way back are heeded once so many soil states running say so. One is enough to stop and to slip:
 the estimator has waited for two samples itself."""
-
-
-CAUTIOUS = frozenset({int(ForecastVerdict.CAUTION), int(ForecastVerdict.SNAG)})
-"""Verdicts with which the rover drives on, but with less slip: what digs less now pulls better later."""
 
 
 class ForecastWatch:
@@ -31,7 +27,7 @@ class ForecastWatch:
     def take(self, soil: SoilState) -> None:
         """Take a soil state that follows the last one without a gap."""
         self._verdict = soil.scout_verdict
-        self._cautious_states = self._cautious_states + 1 if self._verdict in CAUTIOUS else 0
+        self._cautious_states = self._cautious_states + 1 if self._verdict == ForecastVerdict.CAUTION else 0
         is_trap = 0.0 < self._return_z_max < soil.scout_z_return
         self._trapped_states = self._trapped_states + 1 if is_trap else 0
 
@@ -47,7 +43,7 @@ class ForecastWatch:
 
     @property
     def is_cautious(self) -> bool:
-        """The margin is spent, though not beyond its uncertainty, or something holds the rover back."""
+        """The margin is spent, though not beyond its uncertainty."""
         return self._cautious_states >= STATES_RUNNING
 
     @property

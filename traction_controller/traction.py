@@ -286,8 +286,7 @@ class TractionController:
         """Rim travel and progress [m] that a stall is judged by now."""
         settings = self._settings
         rim_travel_m, progress_m = settings.stall_rim_travel_m, settings.stall_progress_m
-        supervisor = self._supervisor
-        probes = supervisor.mode is TractionMode.RETRY or (supervisor.is_under_way and not supervisor.is_backing)
+        probes = self._supervisor.is_under_way and not self._supervisor.is_backing
         if settings.policy != "soil_flow" or not probes or settings.probe_rim_travel_m >= rim_travel_m:
             return rim_travel_m, progress_m
         return settings.probe_rim_travel_m, progress_m * settings.probe_rim_travel_m / rim_travel_m
@@ -305,11 +304,14 @@ class TractionController:
         if band.is_empty.any():
             self._empty_band_ticks += 1
         asked = asked_mps / self._radius
+        if self._heeds_forecast and self._forecast.is_cautious and self._supervisor.is_under_way:
+            asked_mps *= self._settings.caution_speed_ratio
+        slowed = asked_mps / self._radius
         shortfall = (asked_mps - speed) / (FULL_RAISE_SHORTFALL * asked_mps) if asked_mps > 0.0 else 0.0
         share = self._settings.lower_end_share * min(max(shortfall, 0.0), 1.0)
-        raised = asked + np.maximum(band.omega_min - asked, 0.0) * share
+        raised = slowed + np.maximum(band.omega_min - slowed, 0.0) * share
         wanted = np.minimum(raised, band.omega_max)
-        return _Limits(band.omega_min, band.omega_max, wanted, band.omega_max < asked)
+        return _Limits(band.omega_min, band.omega_max, wanted, np.minimum(slowed, band.omega_max) < asked)
 
     def _band(self, speed: float) -> SpeedBand:
         settings = self._settings
@@ -317,21 +319,17 @@ class TractionController:
         blind = self._inputs.blind
         if blind.any():
             entry, leave = np.where(blind, 0.0, entry), np.where(blind, 0.0, leave)
-        slip_cap = settings.slip_cap
-        is_warned = self._heeds_forecast and self._forecast.is_cautious and self._supervisor.is_under_way
-        if is_warned or self._supervisor.mode is TractionMode.RETRY:
-            slip_cap = min(slip_cap, settings.caution_slip_cap)
         soil = self._inputs.soil_state.record
         slip_bound = None
         if soil is not None and Fault.SOIL_STATE_LATE not in self._faults:
-            slip_bound = np.where(soil.status == SoilStatus.NO_DATA, slip_cap, soil.slip_max)
+            slip_bound = np.where(soil.status == SoilStatus.NO_DATA, settings.slip_cap, soil.slip_max)
         return speed_band(
             speed,
             self._radius,
             entry,
             leave,
             creep_speed=settings.v_creep_mps,
-            slip_cap=slip_cap,
+            slip_cap=settings.slip_cap,
             slip_bound=slip_bound,
         )
 

@@ -28,7 +28,7 @@ class TractionSettings:
         default=0.02, metadata=_tunable("added to body speed in speed limits [m/s]: a start", 0.0, 0.5)
     )
     slip_cap: float = field(
-        default=0.3,
+        default=0.2,
         metadata=_tunable(
             "soil_flow: largest slip allowed; s_max alone grows with sinkage, 0.45 leaves it alone", 0.01, 0.45
         ),
@@ -39,11 +39,9 @@ class TractionSettings:
             "soil_flow: share of the way up to the lower end of the band that wheels are raised by when slow", 0.0, 1.0
         ),
     )
-    caution_slip_cap: float = field(
-        default=0.2,
-        metadata=_tunable(
-            "soil_flow: largest slip allowed in a retry and while the forecast says CAUTION or SNAG", 0.01, 0.45
-        ),
+    caution_speed_ratio: float = field(
+        default=0.5,
+        metadata=_tunable("soil_flow: share of the speed asked for while the forecast says CAUTION", 0.1, 1.0),
     )
     acts_on_forecast: bool = field(
         default=True,
@@ -76,9 +74,7 @@ class TractionSettings:
     )
     probe_rim_travel_m: float = field(
         default=0.03,
-        metadata=_tunable(
-            "soil_flow: as stall_rim_travel_m, once under way and in a retry; progress in proportion [m]", 0.01, 10.0
-        ),
+        metadata=_tunable("soil_flow: as stall_rim_travel_m, once under way; progress in proportion [m]", 0.01, 10.0),
     )
     wait_s: float = field(default=8.0, metadata=_tunable("standing time after a stall [s]", 0.0, 3600.0))
     wait_growth: float = field(

@@ -271,8 +271,8 @@ def foreseen_from_the_start(patch):
 
 
 free_drive = S.test_free_drive_gives_the_retries_back
-caution = T.test_caution_or_a_snag_that_is_said_twice_running_lowers_the_slip_cap
-probes = T.test_under_way_and_in_a_retry_a_stall_is_called_sooner_than_at_a_start
+caution = T.test_caution_that_is_said_twice_running_slows
+probes = T.test_under_way_a_stall_is_called_sooner_than_at_a_start_or_in_a_retry
 strap_hold = check(T.test_any_other_strap_fault_has_its_hold_time, ContactStatus.FAULT_OPEN_A)
 unheeded = check(T.test_a_forecast_that_is_not_to_be_acted_on_is_not, 3, {"acts_on_forecast": False})
 baseline = check(T.test_a_forecast_that_is_not_to_be_acted_on_is_not, 3, {"policy": "slip_limit"})
@@ -379,7 +379,7 @@ MUTATIONS = {
     ),
     "no caution": (always(ForecastWatch, "is_cautious", False), caution),
     "one state is caution enough": (becomes(forecast_watch, "STATES_RUNNING", 1), caution),
-    "caution does not slow": (driven_as_settings(caution_slip_cap=0.45), caution),
+    "caution does not slow": (driven_as_settings(caution_speed_ratio=1.0), caution),
     "a gap is no gap": (
         works_once(ForecastWatch, "forget"),
         T.test_a_gap_in_the_soil_states_ends_what_was_said_running,
