@@ -47,10 +47,10 @@ SCALES: Mapping[str, Scale] = MappingProxyType(
         SLIP: Scale(0.0, 0.01, 1.0),
         ODOMETRY: Scale(0.0, 0.02, 1.0),
         ANGLE: Scale(0.0, 0.025, 1.6),
-        FLOW: Scale(-4.0, 0.05, 0.0),
+        FLOW: Scale(-4.0, 0.05, 1.0),
     }
 )
-"""Every score that is kept, and how finely."""
+"""Every score that is kept, and how finely. What lies beyond is kept as the last level."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +159,14 @@ def scored(trace: Trace) -> ScoredRun:
         FLOW: trace.scores[VC],
     }
     # The estimator has asked for its two readings running itself.
-    return scored_run(trace, {name: (row, SCALES[name], name != SAYS) for name, row in values.items()})
+    return scored_run(trace, {name: (_within(row, name), SCALES[name], name != SAYS) for name, row in values.items()})
+
+
+def _within(values: FloatArray, name: str) -> FloatArray:
+    """So that the last level of a tuned score is one that no run passes."""
+    if name in {SCOUT, GUARDED}:
+        return values
+    return np.clip(values, SCALES[name].least, SCALES[name].most)
 
 
 def thresholds(tune: Sequence[ScoredRun]) -> dict[str, float]:

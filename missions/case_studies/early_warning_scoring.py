@@ -255,11 +255,19 @@ class Scoring:
 
 
 def score_runs(runs: Sequence[ScoredRun], score: str, threshold: float, *, draws: int = 400, seed: int = 0) -> Scoring:
-    """What `score` is worth at a threshold. Shares of nothing, and leads of no halt, are zero.
+    """What `score` is worth at a threshold; see `score_alarms`."""
+    return score_alarms(runs, [run.envelopes[score].alarm(threshold) for run in runs], draws=draws, seed=seed)
+
+
+def score_alarms(
+    runs: Sequence[ScoredRun], alarms: Sequence[Alarm | None], *, draws: int = 400, seed: int = 0
+) -> Scoring:
+    """What alarms are worth, one or none per run. Shares of nothing, and leads of no halt, are zero.
 
     The bootstrap draws anew from the runs that pass and from those that halt, as many of each as there are.
+    ValueError when there are not as many alarms as runs.
     """
-    outcomes = _Outcomes.of(runs, score, threshold)
+    outcomes = _Outcomes.of(runs, alarms)
     rng = np.random.default_rng(seed)
     passes, halts = np.flatnonzero(~outcomes.is_halt), np.flatnonzero(outcomes.is_halt)
     found = outcomes.figures(passes[None], halts[None])[0]
@@ -289,8 +297,8 @@ class _Outcomes:
     length_m: FloatArray
 
     @classmethod
-    def of(cls, runs: Sequence[ScoredRun], score: str, threshold: float) -> "_Outcomes":
-        judged = [judge(run, run.envelopes[score].alarm(threshold)) for run in runs]
+    def of(cls, runs: Sequence[ScoredRun], alarms: Sequence[Alarm | None]) -> "_Outcomes":
+        judged = [judge(run, alarm) for run, alarm in zip(runs, alarms, strict=True)]
 
         def are(kind: Judgement) -> BoolArray:
             return np.array([judgement is kind for judgement, _ in judged], dtype=np.bool_)
@@ -326,6 +334,11 @@ class _Outcomes:
             columns[:, 7] = np.median(self.way_m[halts], axis=1)
             columns[:, 8] = np.median(self.time_s[halts], axis=1)
         return columns
+
+
+def first_of(*alarms: Alarm | None) -> Alarm | None:
+    """The earliest of several alarms, None where there is none."""
+    return min((alarm for alarm in alarms if alarm is not None), key=lambda alarm: alarm.time_s, default=None)
 
 
 def leads_rim_m(runs: Sequence[ScoredRun], score: str, threshold: float) -> FloatArray:

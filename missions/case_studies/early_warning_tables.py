@@ -11,8 +11,11 @@ from missions.case_studies.early_warning_results import (
     KINDS,
     RULES,
     SCALES,
+    SCOUT,
+    SLIP,
     SLIP_MATCHED,
     TEST,
+    TUNE,
     ClosedRun,
     Results,
     Rule,
@@ -22,7 +25,9 @@ from missions.case_studies.early_warning_scoring import (
     Judgement,
     ScoredRun,
     Scoring,
+    first_of,
     judge,
+    score_alarms,
     score_runs,
     snag_halts,
     truncated_auc,
@@ -31,6 +36,8 @@ from missions.case_studies.early_warning_trace import Ending
 from missions.case_studies.plain_table import PlainTable
 
 AUC_BEFORE_M = (0.5, 1.0)
+LIMITS_Z = (0.0, 0.4, 0.6, 0.8, 1.0)
+LIMITS_SLIP = (0.45, 0.6, 0.8)
 LOST = frozenset({Ending.STUCK, Ending.BURIED})
 """Endings from which a rover does not come away by itself."""
 _FIGURES = (
@@ -52,6 +59,8 @@ def all_tables(results: Results, thresholds: Mapping[str, float]) -> list[PlainT
         *(_set_table(name, runs, thresholds) for name, runs in results.open.items() if runs),
         _kinds_table(results, thresholds),
         _ablation_table(results),
+        limits_table(TUNE, results.open[TUNE]),
+        limits_table(TEST, results.open[TEST]),
         _auc_table(results),
         snag_table(results, thresholds),
         closed_table(results),
@@ -100,6 +109,16 @@ def _ablation_table(results: Results) -> PlainTable:
     ]
     title = f"What the forecast needs: {len(whole)} members of {TEST}"
     return PlainTable(title, ("estimator has", *_FIGURES), tuple(rows))
+
+
+def limits_table(name: str, runs: Sequence[ScoredRun]) -> PlainTable:
+    """How the two limits of the forecast trade: the margin's z, and the slip beyond which wheels slip away."""
+    rows = []
+    for z in LIMITS_Z:
+        for slip in LIMITS_SLIP:
+            alarms = [first_of(run.envelopes[SCOUT].alarm(z), run.envelopes[SLIP].alarm(slip)) for run in runs]
+            rows.append((f"z > {z:g} or slip > {slip:g}", *_figures(score_alarms(runs, alarms))))
+    return PlainTable(f"Limits of the forecast, {name}", ("rule", *_FIGURES), tuple(rows))
 
 
 def _auc_table(results: Results) -> PlainTable:

@@ -54,7 +54,7 @@ from missions.case_studies.early_warning_runs import (
     run_item,
 )
 from missions.case_studies.early_warning_scoring import ScoredRun, judge, score_runs
-from missions.case_studies.early_warning_tables import all_tables, closed_table, dip_table, snag_table
+from missions.case_studies.early_warning_tables import all_tables, closed_table, dip_table, limits_table, snag_table
 from missions.case_studies.early_warning_trace import (
     ODOMETRY_WINDOW,
     SCOUT_Z,
@@ -185,6 +185,23 @@ def test_thresholds_are_tuned_to_cry_as_often_as_the_forecast():
     assert found.false_rate == 0.0
     assert found.recall == 1.0
     assert set(tuned) == {rule.name for rule in RULES}
+
+
+def test_what_lies_beyond_a_scale_does_not_end_the_study():
+    trace = made_up(Job("B", 1))
+    wild = {SLIP_LOWPASS: np.full(ROWS, 7.0), VC: np.full(ROWS, 5.0), THETA_1_FRONT: np.full(ROWS, -1.0)}
+    run = scored(replace(trace, scores={**trace.scores, **wild}))
+    tuned = thresholds([run])
+    assert tuned[SLIP_MATCHED.name] == 1.0
+    assert tuned["vc, matched"] == 1.0
+    assert tuned["entry angle, matched"] == 0.0
+
+
+def test_margin_and_slip_trade():
+    table = limits_table(TEST, made_up_results().open[TEST])
+    rows = {row[0]: row for row in table.rows}
+    assert rows["z > 1 or slip > 0.8"][4] == "100"  # told by the margin at row 161, 1.17 m before
+    assert rows["z > 1 or slip > 0.8"][6].startswith("1.17 [")
 
 
 def test_results_come_back_set_by_set():

@@ -13,10 +13,12 @@ from missions.case_studies.early_warning_scoring import (
     Scale,
     ScoredRun,
     envelope_of,
+    first_of,
     held,
     judge,
     leads_rim_m,
     rate_curve,
+    score_alarms,
     score_runs,
     scored_run,
     snag_halts,
@@ -250,6 +252,18 @@ def test_nothing_but_passes_or_halts():
     halts = score_runs([run for run in runs if run.halt is not None], "s", 0.5, draws=5)
     assert (halts.passes, halts.found.false_rate, halts.found.false_per_km) == (0, 0.0, 0.0)
     assert score_runs([], "s", 0.5).passes == 0
+
+
+def test_the_first_of_two_alarms_decides():
+    early, late = Alarm(5.0, 3.0, 2.5), Alarm(6.0, 3.6, 3.0)
+    assert first_of(late, None, early) is early
+    assert first_of(None, late) is late
+    assert first_of(None, None) is None
+    runs = [run_of(risen(150), 200), run_of(np.zeros(400))]
+    found = score_alarms(runs, [Alarm(9.0, 5.4, 4.5), None], draws=3).found
+    assert (found.recall, found.false_rate, found.lead_rim_m) == (1.0, 0.0, pytest.approx(0.6))
+    with pytest.raises(ValueError, match="zip"):
+        score_alarms(runs, [None])
 
 
 def test_the_threshold_at_a_rate_of_false_alarms():
