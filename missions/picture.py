@@ -15,12 +15,15 @@ from missions.mode_colours import MODE_COLOURS
 from missions.run_log import RunLog
 from missions.soil_truth import SoilTruth
 from missions.summary import RunSummary
+from soil_flow_estimator.estimator_settings import SoilEstimatorSettings
 from strap_rover import topics
 from strap_rover.arrays import FloatArray, IntArray
 
 _AXLE_COLOURS = ("#1b6ca8", "#d1792c", "#3d8b4f", "#8c5aa8", "#7a7a7a", "#a83232")
 _FLOW_RATIO_RANGE = (0.0, 3.0)
 _SCORE_RANGE = (-4.0, 4.0)
+_SCORE_LIMITS = (SoilEstimatorSettings().caution_z, SoilEstimatorSettings().stop_z)
+"""Where caution and stop begin, unless set otherwise."""
 _TRUTH_COLOUR = "#111111"
 _MOST_LABELS = 14
 
@@ -118,7 +121,7 @@ def _forecast(axis: Axes, log: RunLog) -> None:
     for name, style in (("scout_z", "-"), ("scout_z_return", (0, (3, 2)))):
         score = np.where(verdicts != 0, np.clip(log.of_rover(topics.SOIL_STATE, name), *_SCORE_RANGE), np.nan)
         axis.plot(time_s, score, color="black", linewidth=0.9, linestyle=style)
-    for limit in (0.0, 1.0):
+    for limit in _SCORE_LIMITS:
         axis.axhline(limit, color="#b2182b", linewidth=0.8, linestyle=":")
     axis.set_ylim(*_SCORE_RANGE)
     axis.set_ylabel("halting score z [-]\ndashed: way back")

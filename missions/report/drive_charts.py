@@ -27,6 +27,7 @@ from missions.report.recording import Recording
 from missions.report.site_map import SiteMap
 from missions.report.topic_rows import EFFORT, VELOCITY
 from missions.summary import BURIED_ZONE_DEG
+from soil_flow_estimator.estimator_settings import SoilEstimatorSettings
 from soil_flow_estimator.soil_state import ForecastVerdict
 from strap_rover import topics
 from strap_rover.arrays import FloatArray
@@ -36,6 +37,7 @@ from traction_controller.supervisor import TractionMode
 
 _SLIP_RANGE = (-0.3, 1.05)
 _SCORE_RANGE = (-4.0, 4.0)
+_SCORE_LIMITS = (SoilEstimatorSettings().caution_z, SoilEstimatorSettings().stop_z)
 _FLOW_TOP, _MOST_FLOW_TOP = 3.0, 50.0
 """The flow ratio is drawn to where nearly all of it lies; a standing wheel's has no end."""
 _DRIVEN_AS_ASKED = (TractionMode.STANDBY, TractionMode.DRIVE, TractionMode.LIMIT)
@@ -177,10 +179,10 @@ def forecast_charts(recording: Recording, facts: DriveFacts) -> list[Chart]:
     charts = [
         Chart(
             "Halting forecast: score z [-]",
-            "Above 0 the pull to spare is spent, above 1 beyond its uncertainty; no probability. Colours: verdict.",
+            "Above 0 the pull to spare is spent; no probability. Dotted: where CAUTION and STOP begin by default.",
             scores,
             _range(_SCORE_RANGE),
-            shapes=[*_verdict_bands(time_s, facts.verdicts), level(0.0, *span), level(1.0, *span)],
+            shapes=[*_verdict_bands(time_s, facts.verdicts), *(level(limit, *span) for limit in _SCORE_LIMITS)],
             legend=said,
         )
     ]
