@@ -26,7 +26,7 @@ SOFT_FROM_M, FROM_S, UNTIL_S = 3.0, 13.0, 33.0
 GROUNDS: Mapping[str, SnagCase] = MappingProxyType(
     {
         "at ease: 7 deg, trapping": REFERENCE_SNAG,
-        "at its limit: 10 deg, refilling": on_refilling_sand(replace(REFERENCE_SNAG, slope_deg=10.0)),
+        "at its limit: 14 deg, st 0.25, refilling": on_refilling_sand(replace(REFERENCE_SNAG, slope_deg=14.0, st=0.25)),
     }
 )
 """Well below the slip cap, and so steep that the rover hangs on it."""

@@ -28,16 +28,16 @@ SEED = 4711
 SOFT_FROM_M, SNAG_X_M, GIVE_UP_S = 3.0, 8.0, 45.0
 SOILS = {"trapping": lambda case: case, "refilling": on_refilling_sand}
 BASELINE = "slip_limit 0.3"
-AS_BEFORE: dict[str, Any] = {"probe_rim_travel_m": 10.0, "wait_growth": 1.0, "acts_on_forecast": False}
+NOT_ACTING: dict[str, Any] = {"acts_on_forecast": False}
+BEFORE = NOT_ACTING | {"probe_rim_travel_m": 10.0, "slip_cap": 0.3, "lower_end_share": 1.0}
 VARIANTS: dict[str, dict[str, Any]] = {
     BASELINE: {"policy": "slip_limit"},
-    "0.1 m": AS_BEFORE,
-    "0.05 m": AS_BEFORE | {"probe_rim_travel_m": 0.05},
-    "0.03 m": AS_BEFORE | {"probe_rim_travel_m": 0.03},
-    "0.02 m": AS_BEFORE | {"probe_rim_travel_m": 0.02},
-    "0.03 m, waits x 1.5": AS_BEFORE | {"probe_rim_travel_m": 0.03, "wait_growth": 1.5},
-    "0.03 m, waits x 2": AS_BEFORE | {"probe_rim_travel_m": 0.03, "wait_growth": 2.0},
-    "0.03 m, cap 0.2": AS_BEFORE | {"probe_rim_travel_m": 0.03, "slip_cap": 0.2},
+    "before: cap 0.3, 0.1 m, lower end raises": BEFORE,
+    "lower end raises": NOT_ACTING | {"lower_end_share": 1.0},
+    "cap 0.3": NOT_ACTING | {"slip_cap": 0.3},
+    "0.1 m under way": NOT_ACTING | {"probe_rim_travel_m": 10.0},
+    "0.05 m under way": NOT_ACTING | {"probe_rim_travel_m": 0.05},
+    "forecast not acted on": NOT_ACTING,
     "default": {},
 }
 """How each variant differs from the shipped settings."""
