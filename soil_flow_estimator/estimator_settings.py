@@ -65,7 +65,7 @@ class SoilEstimatorSettings:
     )
     stop_z: float = field(default=0.8, metadata=_tunable("halting score above which to stop", -10.0, 10.0))
     slip_alarm: float = field(
-        default=0.6, metadata=_tunable("slip, as it will be in 0.4 s, above which the wheels slip away", 0.05, 1.0)
+        default=0.75, metadata=_tunable("slip, as it will be in 0.4 s, above which the wheels slip away", 0.05, 1.0)
     )
     soil_density_kgpm3: float = field(
         default=1600.0, metadata=_tunable("bulk density of the soil [kg/m^3]", 100.0, 5000.0)

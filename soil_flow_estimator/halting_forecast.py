@@ -83,7 +83,7 @@ class ForecastLimits:
 
     caution_z: float = 0.0
     stop_z: float = 0.8
-    slip_most: float = 0.6
+    slip_most: float = 0.75
 
 
 @dataclass(frozen=True, slots=True)
