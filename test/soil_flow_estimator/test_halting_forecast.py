@@ -151,10 +151,23 @@ def test_slip_that_runs_away_is_told_whatever_the_soil_but_not_at_a_start():
     assert drive.go(30).verdict is not ForecastVerdict.SLIPPING  # it has not been under way yet
     drive.speed = 0.2
     drive.go(30)
-    drive.speed = 0.08
+    drive.speed = 0.1  # slip 0.55, for good: much, but it holds out
+    assert drive.go(20).verdict is not ForecastVerdict.SLIPPING
+    drive.speed = 0.03
     assert drive.go(10).verdict is ForecastVerdict.SLIPPING
     drive.rim = drive.speed = 0.0
     assert drive.go(2).verdict is not ForecastVerdict.SLIPPING  # it stands
+
+
+def test_slip_that_grows_fast_is_told_before_it_is_there():
+    drive = Drive(0.1, 0.7)
+    drive.go(30)
+    told = []
+    for slip in np.linspace(0.1, 0.9, 16):  # half a unit per second
+        drive.speed = drive.rim * (1.0 - float(slip))
+        told.append((float(slip), drive.go(1).verdict))
+    first = next(slip for slip, verdict in told if verdict is ForecastVerdict.SLIPPING)
+    assert 0.55 < first < 0.8
 
 
 def test_one_reading_is_no_alarm():
