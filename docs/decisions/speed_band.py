@@ -74,7 +74,9 @@ def main() -> None:
     controllers = {"only while slower than asked": TractionController, "always": AlwaysRaised, "never": NeverRaised}
     for name, controller in controllers.items():
         with mock.patch("missions.core_run.TractionController", controller):
-            report(name, plan_run("mars_snag"))
+            plan = plan_run("mars_snag")
+            raising = replace(plan.controller, slip_cap=0.3, lower_end_share=1.0)
+            report(name, replace(plan, controller=raising))
 
 
 if __name__ == "__main__":
