@@ -68,7 +68,10 @@ def main() -> None:
         print(f"mars_snag, {case_name}:")
         for cap in (0.2, 0.3, 0.45):
             plan = plan_run(snag_scenario(case))
-            report(f"soil_flow, slip cap {cap}", replace(plan, controller=replace(plan.controller, slip_cap=cap)))
+            report(
+                f"soil_flow, slip cap {cap}",
+                replace(plan, controller=replace(plan.controller, slip_cap=cap, lower_end_share=1.0)),
+            )
         report("slip_limit 0.3", plan_run(snag_scenario(case), "slip_limit"))
     print("lower end of the band, reference case, 0.5 m/s asked:")
     controllers = {"only while slower than asked": TractionController, "always": AlwaysRaised, "never": NeverRaised}
