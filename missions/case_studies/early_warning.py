@@ -157,7 +157,8 @@ def results_from(form: Form, found: Mapping[str, Any]) -> Results:
     """What was run, read back from the ledger of a study that came to its end."""
 
     def watched(jobs: Iterable[Job], watcher: str = EVERYTHING) -> list[ScoredRun]:
-        return [ScoredRun.from_json(found[job.key][watcher], SCALES) for job in jobs]
+        runs = [ScoredRun.from_json(found[job.key][watcher], SCALES) for job in jobs]
+        return [run for run in runs if run.is_decided]
 
     def driven(chosen: Sequence[int], variant: str, drivers: Iterable[str]) -> dict[str, list[ClosedRun]]:
         return {
@@ -241,7 +242,7 @@ def study_result(results: Results, tuned: Mapping[str, float], runs: int, *, sho
             _FAMILIES,
             _PROTOCOL,
             "Intervals in brackets are 90 % of a bootstrap over runs; of shares of driven runs 95 %, after Wilson.",
-            "Passable are the members that a constant wheel speed passes.",
+            "Passable are the members that a constant wheel speed passes; those on which it does not end are left out.",
         ),
         claims=tuple(claims(results, tuned)),
         tables=tuple(all_tables(results, tuned)),

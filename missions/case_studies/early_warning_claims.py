@@ -13,7 +13,7 @@ from missions.case_studies.early_warning_results import (
 )
 from missions.case_studies.early_warning_runs import ACTING, NOT_ACTING, RETURN_MINDED, RETURN_NOT_MINDED, SLIP_03
 from missions.case_studies.early_warning_scoring import Scoring, score_runs
-from missions.case_studies.early_warning_tables import LOST, by_fate, passing_members
+from missions.case_studies.early_warning_tables import LOST, by_fate, fates_of
 from missions.case_studies.early_warning_trace import Ending
 from missions.case_studies.study_result import Claim, Verdict
 
@@ -89,17 +89,17 @@ def _open_claims(
 
 
 def _closed_claims(results: Results) -> list[Claim]:
-    passing = passing_members(results.open[TEST])
-    passable, impassable = by_fate(results.closed[ACTING], passing)
+    fates = fates_of(results.open[TEST])
+    passable, impassable = by_fate(results.closed[ACTING], fates)
     aborted = sum(run.ending is not Ending.PASSED for run in passable)
     share = aborted / len(passable) if passable else 0.0
     depth = {}
     for controller in (ACTING, NOT_ACTING, SLIP_03):
-        stops = [run.stop_sinkage_mm for run in by_fate(results.closed[controller], passing)[1]]
+        stops = [run.stop_sinkage_mm for run in by_fate(results.closed[controller], fates)[1]]
         known = [stop for stop in stops if stop is not None]
         depth[controller] = (float(np.median(known)), float(np.quantile(known, 0.9))) if known else (math.inf, math.inf)
     lost = {
-        controller: sum(run.ending in LOST for run in by_fate(results.closed[controller], passing)[1])
+        controller: sum(run.ending in LOST for run in by_fate(results.closed[controller], fates)[1])
         for controller in (ACTING, SLIP_03)
     }
     return [
@@ -132,13 +132,13 @@ def _closed_claims(results: Results) -> list[Claim]:
 
 
 def _dip_claims(results: Results) -> list[Claim]:
-    passing = passing_members(results.dips_open)
+    fates = fates_of(results.dips_open)
     left, aborted = {}, {}
     for way in (RETURN_NOT_MINDED, RETURN_MINDED):
-        passable, impassable = by_fate(results.dips[way], passing)
+        passable, impassable = by_fate(results.dips[way], fates)
         left[way] = sum(run.ending in LOST or run.ending is Ending.HALTED for run in impassable)
         aborted[way] = sum(run.ending is not Ending.PASSED for run in passable)
-    total = len(by_fate(results.dips[RETURN_MINDED], passing)[1])
+    total = len(by_fate(results.dips[RETURN_MINDED], fates)[1])
     return [
         Claim(
             "dips",

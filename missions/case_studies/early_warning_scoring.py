@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from missions.case_studies.early_warning_trace import Trace
+from missions.case_studies.early_warning_trace import Ending, Trace
 from strap_rover.arrays import BoolArray, FloatArray, IntArray
 
 FROM_X_M = 1.0
@@ -143,6 +143,8 @@ class ScoredRun:
     """Way of the front axle from the start to the end of the run."""
     halt: Alarm | None
     """Where the rover last moved before it halted; None: it passed."""
+    is_decided: bool
+    """False where it was still under way when its time was over: neither a halt nor a pass."""
     hazard_x_m: float
     snag_time_s: float | None
     """When a snag caught; None: none did."""
@@ -174,6 +176,7 @@ def scored_run(trace: Trace, scores: Mapping[str, tuple[FloatArray, Scale, bool]
         variant=trace.variant,
         length_m=round(float(trace.x_m[-1] - trace.x_m[0]), 3),
         halt=halt if facts.halted else None,
+        is_decided=facts.ending is not Ending.UNDECIDED,
         hazard_x_m=round(facts.hazard_x_m, 3),
         snag_time_s=None if np.isnan(facts.snag_time_s) else round(facts.snag_time_s, 3),
         envelopes={

@@ -173,6 +173,8 @@ _CLOSED = (
     "false aborts % [95 %]",
     "impassable",
     "passed all the same",
+    "backed out",
+    "halted",
     "stuck or buried",
     "sinkage at stop, median mm",
     "p90 mm",
@@ -191,11 +193,11 @@ def closed_kind_table(results: Results, kind: str) -> PlainTable:
 
 
 def _closed(title: str, results: Results, kind: str | None) -> PlainTable:
-    passing = passing_members(results.open[TEST])
+    fates = fates_of(results.open[TEST])
     rows = []
     for controller, runs in results.closed.items():
         chosen = [run for run in runs if kind in {None, run.kind}]
-        passable, impassable = by_fate(chosen, passing)
+        passable, impassable = by_fate(chosen, fates)
         aborted = sum(run.ending is not Ending.PASSED for run in passable)
         rows.append(
             (
@@ -204,6 +206,8 @@ def _closed(title: str, results: Results, kind: str | None) -> PlainTable:
                 _share_interval(aborted, len(passable)),
                 str(len(impassable)),
                 str(sum(run.ending is Ending.PASSED for run in impassable)),
+                str(sum(run.ending is Ending.BACKED_OUT for run in impassable)),
+                str(sum(run.ending is Ending.HALTED for run in impassable)),
                 str(sum(run.ending in LOST for run in chosen)),
                 *_sinkage(impassable),
                 f"{np.mean([run.retries for run in chosen]):.2f}" if chosen else "-",
@@ -212,17 +216,20 @@ def _closed(title: str, results: Results, kind: str | None) -> PlainTable:
     return PlainTable(title, ("controller", *_CLOSED), tuple(rows))
 
 
-def passing_members(runs: Iterable[ScoredRun]) -> frozenset[tuple[str, int, str]]:
-    """Members that a constant speed passes: (family, number, kind)."""
-    return frozenset((run.family, run.number, run.kind) for run in runs if run.halt is None)
+def fates_of(runs: Iterable[ScoredRun]) -> dict[tuple[str, int, str], bool]:
+    """Member as (family, number, kind) -> whether a constant speed passes it."""
+    return {(run.family, run.number, run.kind): run.halt is None for run in runs}
 
 
 def by_fate(
-    runs: Sequence[ClosedRun], passing: frozenset[tuple[str, int, str]]
+    runs: Sequence[ClosedRun], fates: Mapping[tuple[str, int, str], bool]
 ) -> tuple[list[ClosedRun], list[ClosedRun]]:
-    """Those of members that a constant speed passes, and the others."""
-    passable = [run for run in runs if (run.family, run.number, run.kind) in passing]
-    return passable, [run for run in runs if (run.family, run.number, run.kind) not in passing]
+    """Those of members that a constant speed passes, and those that it halts on; others are left out."""
+    passable, impassable = (
+        [run for run in runs if fates.get((run.family, run.number, run.kind)) is is_passed]
+        for is_passed in (True, False)
+    )
+    return passable, impassable
 
 
 def _sinkage(runs: Sequence[ClosedRun]) -> tuple[str, str]:
@@ -233,10 +240,10 @@ def _sinkage(runs: Sequence[ClosedRun]) -> tuple[str, str]:
 
 def snags_driven_table(results: Results) -> PlainTable:
     """Snags that let go after a while: who is through in the end?"""
-    passing = passing_members(results.without_snag)
+    fates = fates_of(results.without_snag)
     rows = []
     for controller, runs in results.snags_driven.items():
-        passable, _ = by_fate(runs, passing)
+        passable, _ = by_fate(runs, fates)
         through = [run for run in passable if run.ending is Ending.PASSED]
         depth = [run.deepest_mm for run in passable]
         rows.append(
@@ -262,10 +269,10 @@ def snags_driven_table(results: Results) -> PlainTable:
 
 def dip_table(results: Results) -> PlainTable:
     """Stuck against aborted: what minding the way back is worth where the ground falls and rises again."""
-    passing = passing_members(results.dips_open)
+    fates = fates_of(results.dips_open)
     rows = []
     for way, runs in results.dips.items():
-        passable, impassable = by_fate(runs, passing)
+        passable, impassable = by_fate(runs, fates)
         aborted = sum(run.ending is not Ending.PASSED for run in passable)
         lost = sum(run.ending in LOST or run.ending is Ending.HALTED for run in impassable)
         out = sum(run.ending is Ending.BACKED_OUT for run in impassable)

@@ -217,6 +217,19 @@ def test_results_come_back_set_by_set():
     assert len(results.dips[RETURN_MINDED]) == len(results.dips_open) == 8
 
 
+def test_a_run_without_an_end_counts_as_neither():
+    items = {job.key: made_up_item(job) for job in jobs_of(FORM)}
+    crawling = Job("B", B_TUNE + 1, is_ablated=True)
+    trace = made_up(crawling)
+    trace = replace(trace, facts=replace(trace.facts, ending=Ending.UNDECIDED))
+    items[crawling.key] = dict.fromkeys(WATCHERS, scored(trace).to_json())
+    results = results_from(FORM, json.loads(json.dumps(items)))
+    assert len(results.open[TEST]) == 19
+    assert len(results.ablated["no torque"]) == 3
+    row = closed_table(results).rows[0]
+    assert int(row[1]) + int(row[3]) == 7  # of the eight members driven
+
+
 def by_quantity(results, where):
     found = claims(results, thresholds(results.open[TUNE]))
     return {claim.quantity: claim for claim in found if claim.figure == where}
@@ -259,7 +272,12 @@ def test_what_acting_costs_and_saves():
     row = dict(zip(table.headings, table.rows[0], strict=True))
     assert (row["passable"], row["impassable"]) == ("4", "4")
     assert row["false aborts % [95 %]"].startswith("25.0 [")
-    assert (row["passed all the same"], row["stuck or buried"]) == ("1", "1")
+    assert (row["passed all the same"], row["backed out"], row["halted"], row["stuck or buried"]) == (
+        "1",
+        "2",
+        "0",
+        "1",
+    )
     assert (row["sinkage at stop, median mm"], row["retries per run"]) == ("60", "0.38")
 
 
