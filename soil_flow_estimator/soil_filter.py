@@ -10,7 +10,7 @@ truth:
 with F_z and T of `slip_sinkage`. Noise of angles, slip, dug depth and torque is carried into the covariance of the
 residuals through their derivatives. b is considered, not estimated (Schmidt's filter: its gain is zero, its
 correlation with de and st is kept): averaging cannot make the estimate better than the load is known. Without torque
-e_0 alone is left: de is then known up to what st could be, and the 1-sigma of st stays near that of its prior.
+e_0 alone is left, and st is considered, too: it stays where it is, and de is known up to what st could be.
 
 What the residuals need and no sensor tells follows from the motion: slip as the shear under the wheel has it lags
 by `slip_relaxation_m` of travel; the depth z_e that slip has dug obeys
@@ -62,6 +62,8 @@ RIM_WAY_SHARE = 0.05
 """Share of the rim's way that counts as way of the soil: a wheel that spins meets new soil in depth."""
 CORRELATION_M = 0.25
 """Way over which what two wheels say of one place is one opinion [m]."""
+NO_OPINION = 1e6
+"""Variance of what is not heard."""
 CELL_M = 0.05
 """Length of a cell of the map of what wheels have found."""
 CELLS = 512
@@ -247,9 +249,14 @@ def _shrink_kernel(state: FloatArray, most_d: float, most_s: float) -> None:
 def _opinion_kernel(state: FloatArray, cell: FloatArray, way: float) -> None:
     """Take in what another wheel found at this place, as the share `way`/CORRELATION_M of one opinion."""
     weight = CORRELATION_M / max(way, 1e-4)
-    r_dd = weight * (cell[CELL_DD] + (PASS_DE_STD * cell[CELL_DE] + 0.01) ** 2)
-    r_ss = weight * (cell[CELL_SS] + PASS_ST_STD**2)
-    r_ds = weight * cell[CELL_DS]
+    of_de = cell[CELL_DD] + (PASS_DE_STD * cell[CELL_DE] + 0.01) ** 2
+    of_st = cell[CELL_SS] + PASS_ST_STD**2
+    r_dd, r_ss, r_ds = weight * of_de, weight * of_st, weight * cell[CELL_DS]
+    # Its error is the same all along: however often it is heard, it makes nobody surer than it is itself.
+    if state[P_DD] <= of_de:
+        r_dd, r_ds = NO_OPINION, 0.0
+    if state[P_SS] <= of_st:
+        r_ss, r_ds = NO_OPINION, 0.0
     s_dd, s_ss, s_ds = state[P_DD] + r_dd, state[P_SS] + r_ss, state[P_DS] + r_ds
     det = s_dd * s_ss - s_ds * s_ds
     if det <= 0.0:
@@ -422,6 +429,8 @@ def _learn_kernel(
             inverse = np.linalg.inv(h @ p @ h.T + r)
         gain[:] = p @ h.T @ inverse
         gain[2, :] = 0.0  # the load's error is considered, not estimated
+        if count == 1:  # so is st, of which contact angles alone say next to nothing
+            gain[1, :] = 0.0
         change_d, change_s = 0.0, 0.0
         for j in range(count):
             change_d += gain[0, j] * innovation[j]
