@@ -31,6 +31,10 @@ LONGEST_STEP_NS = 100_000_000
 FULL_RAISE_SHORTFALL = 0.1
 """The lower end of the band raises wheel speed in full while the rover is slower than asked by this share or more, and
 not at all at the speed asked for. Raised without that, a six-wheel rover at 48 mm sinkage ran 8 % faster than asked."""
+CALM_SIGMAS, CALM_RATIO = 3.0, 0.05
+"""The band stays where it is while body speed changes by less than so many 1-sigma of odometry and by less than this
+share: otherwise wheels on their slip cap follow the noise of odometry 50 times a second (docs/decisions/chattering). A
+rover that is being stopped changes by more at once, and a slow one has no calm at all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,6 +130,7 @@ class TractionController:
         self._fault_entries = dict.fromkeys((fault.name for fault in Fault if fault is not Fault.NONE), 0)
         self._empty_band_ticks = 0
         self._command = self._zeros
+        self._band_speed = 0.0
         self._last_tick_ns: int | None = None
 
     def retune(self, settings: TractionSettings) -> None:
@@ -154,6 +159,7 @@ class TractionController:
         self._forecast.forget()
         self._direction = 1.0
         self._advance_m = 0.0
+        self._band_speed = 0.0
 
     def hold(self, is_held: bool) -> None:
         """Keep the rover standing while True."""
@@ -299,8 +305,16 @@ class TractionController:
         change = target - self._command
         return self._command + np.minimum(np.maximum(change, -step), step)
 
+    def _calm(self, speed: float) -> float:
+        """Body speed [m/s] without the noise that the wheels need not follow."""
+        motion = self._inputs.body_motion.record
+        noise = CALM_SIGMAS * motion.speed_std if motion is not None else 0.0
+        if abs(speed - self._band_speed) > min(noise, CALM_RATIO * self._band_speed):
+            self._band_speed = speed
+        return self._band_speed
+
     def _soil_flow(self, asked_mps: float, speed: float) -> _Limits:
-        band = self._band(speed)
+        band = self._band(self._calm(speed))
         if band.is_empty.any():
             self._empty_band_ticks += 1
         asked = asked_mps / self._radius
