@@ -87,6 +87,31 @@ def test_soil_flow_keeps_the_wheels_below_the_upper_end(sign):
     assert output.state.state is TractionMode.LIMIT
 
 
+def test_wheels_at_their_cap_do_not_follow_the_noise_of_odometry():
+    bench, rng = Bench(), np.random.default_rng(7)
+    bench.speed = 0.3
+    bench.run(2.0)
+    commands = []
+    for _ in range(1000):
+        bench.speed = 0.3 + 0.005 * rng.standard_normal()
+        commands.append(bench.tick().commands.speed[0])
+    changes = np.diff(commands)
+    assert np.count_nonzero(changes) < 100  # 999 if every reading were followed
+    assert np.ptp(commands) < 0.12 * commands[0]
+
+
+def test_a_rover_that_is_being_stopped_is_followed_at_once():
+    calm, bench = [], Bench(acceleration_limit_radps2=0.0)
+    bench.speed = 0.3
+    bench.run(1.0)
+    for speed in np.linspace(0.3, 0.0, 31):  # 1 m/s^2
+        bench.speed = float(speed)
+        state = bench.tick().state
+        calm.append(float(state.omega_max[0]) * 0.25 * (1.0 - 0.26) - speed)  # cap of s_max at 30 deg
+    assert max(calm) < 0.02 + 0.05 * 0.3 + 0.01  # v_creep, the calm share, one step
+    assert calm[-1] == pytest.approx(0.02, abs=0.002)
+
+
 def test_backwards_the_entry_may_also_be_called_theta_1():
     bench = Bench(v_creep_mps=0.0)
     bench.asked, bench.speed = -0.5, -0.2
