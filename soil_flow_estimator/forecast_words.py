@@ -16,7 +16,7 @@ def forecast_verdict(state: SoilState) -> ForecastVerdict:
 
 def is_way_back_closed(state: SoilState) -> bool:
     """Whether the rover could not climb back over what it now stands in."""
-    return state.scout_z_return > NO_WAY_BACK_Z
+    return forecast_verdict(state) is not ForecastVerdict.NONE and state.scout_z_return > NO_WAY_BACK_Z
 
 
 def is_warning(state: SoilState) -> bool:
@@ -51,7 +51,7 @@ def _verdict_words(state: SoilState) -> str:
                 "ease off and wait, or go round"
             )
         case ForecastVerdict.NONE:
-            return "no forecast yet: it takes a rolling rover and motor torque"
+            return "no forecast yet: it takes a rolling rover and its imu"
 
 
 def _margin(state: SoilState) -> str:

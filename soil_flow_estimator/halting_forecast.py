@@ -173,8 +173,11 @@ class HaltingForecast:
             step_s: time since the last reading [s].
             forwards: whether the front wheels are ahead.
             limits: where verdicts begin.
-            judges: whether enough is known of the ground for a verdict.
+            judges: whether the slope of the ground is known; where it is not, all is forgotten.
         """
+        if not judges:  # on unknown ground nothing can be held against anything
+            self.forget()
+            return self._last
         rim = max(rim_speed, 0.0)
         rim_way = rim * step_s
         self._follow_motion(rim, speed, step_s)
@@ -190,6 +193,8 @@ class HaltingForecast:
         self._disturbance += _share(rim_way, DISTURBANCE_RIM_M) * (held - self._disturbance)
         self._sudden += _share(rim_way, SNAG_RIM_M[0]) * (held - self._sudden)
         self._trend += _share(rim_way, SNAG_RIM_M[1]) * (held - self._trend)
+        if self._readings < LEARNING:  # what is there from the start has not just come
+            self._trend = self._sudden
 
         scouts = self._front if forwards else self._rear
         pull, soil_std, spread = _capacities_kernel(self._tables, states, scouts)
@@ -205,7 +210,7 @@ class HaltingForecast:
             self._readings += 1
         z = -margin / std
         verdict = ForecastVerdict.NONE
-        if judges and self._readings >= LEARNING:
+        if self._readings >= LEARNING:
             verdict = self._judge(z, rim, rim_way, limits)
         self._last = Forecast(margin, std, z, -margin_return / std, self._disturbance, verdict)
         return self._last

@@ -4,7 +4,7 @@ import numpy as np
 from sensor_msgs.msg import JointState
 
 from soil_flow_estimator.soil_state import SoilState
-from strap_rover.ros_shell.named_values import NamedValues
+from strap_rover.ros_shell.named_values import MessageError, NamedValues
 from strap_rover.topics import SOIL_STATE, rover_vector, wheel_matrix
 
 
@@ -23,6 +23,8 @@ class SoilMessages:
         stamp_ns, per_wheel, whole_rover = self._values.from_message(message)
         columns = list(per_wheel.T)
         status = columns.pop().astype(np.int64)
+        if not np.isfinite(whole_rover).all():
+            raise MessageError(f"{SOIL_STATE.name}: scout values are {whole_rover.tolist()}; send finite numbers")
         margin, std, score, score_return, disturbance, verdict = (float(value) for value in whole_rover)
         return SoilState(
             stamp_ns,

@@ -136,6 +136,9 @@ class RollingSoil:
             suspension: its joints, None where they are not known: then the ground has the body's slope.
         """
         if self._last_ns is None or not 0 <= now_ns - self._last_ns <= LONGEST_S * 1e9:
+            if self._last_ns is not None:
+                self._filter.lose_way()
+                self._forecast.forget()
             self._last_ns = now_ns
             self._clear_window()
             return False

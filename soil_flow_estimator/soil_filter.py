@@ -171,10 +171,14 @@ class SoilFilter:
         state = self.state
         state[which, DE] = np.clip(de, *DE_RANGE)[which]
         state[which, P_DD] = variance[which]
-        state[which, P_DS] = 0.0
         most = 0.999 * np.sqrt(variance)
         state[which, P_DB] = np.clip(load_slope * load_std_ratio, -most, most)[which]
+        state[which, P_DS] = state[which, P_DB] * state[which, P_SB]  # the load is all that ties them now
         state[which, SURPRISES] = 0.0
+
+    def lose_way(self) -> None:
+        """Nobody knows how far the rover has moved: what wheels found is of no known place any more."""
+        self._cells[:, :, CELL_PLACE] = -1.0
 
     def turn_back(self) -> None:
         """The rover drives the other way: its wheels stand anew."""
@@ -465,7 +469,10 @@ def _filter_kernel(
         state, seen, shape = states[i], readings[i], geometry[i]
         rim = max(seen[RIM_SPEED], 0.0)
         travel = max(rim, speed)
-        contact = shape[0] * (math.sin(min(seen[THETA_1], 0.5 * math.pi)) + math.sin(max(-seen[THETA_2], 0.0)))
+        entry, leave = seen[THETA_1], seen[THETA_2]
+        if seen[HAS_ANGLES] == 0.0 and state[MEANS] > 0.0:  # the seam in the zone is no wheel in the air
+            entry, leave = state[MEAN_1], state[MEAN_2]
+        contact = shape[0] * (math.sin(min(entry, 0.5 * math.pi)) + math.sin(max(-leave, 0.0)))
         contact = max(contact, 0.05 * shape[0])
         state[SLIP] += (1.0 - math.exp(-travel * dt / noise[5])) * (seen[SLIP_SEEN] - state[SLIP])
         state[SLIP] = min(max(state[SLIP], -0.97), 0.97)
@@ -473,7 +480,7 @@ def _filter_kernel(
         kappa = state[REFILL]
         digging = dt * noise[6] * (1.0 + kappa) * max(rim - speed, 0.0) / contact
         state[DUG] = (state[DUG] + digging) / (1.0 + dt * (speed + kappa * rim) / contact)
-        depth = shape[0] * (1.0 - math.cos(seen[THETA_1]))
+        depth = shape[0] * (1.0 - math.cos(entry))
         state[DUG] = min(state[DUG], 0.8 * depth)
 
         moved = advance + RIM_WAY_SHARE * rim * dt

@@ -68,7 +68,7 @@ class SoilState:
     scout_margin: float = 0.0
     """What the rover can pull beyond what it needs [N], once all wheels stand in what the front ones stand in."""
     scout_margin_std: float = 0.0
-    """1-sigma of the margin [N]; 0 while nothing is known."""
+    """1-sigma of the margin [N]. While the verdict is NONE all scout numbers mean nothing."""
     scout_z: float = 0.0
     """Halting score -margin/std: above 0 the margin is spent, above 0.8 the verdict is STOP. No probability."""
     scout_z_return: float = 0.0

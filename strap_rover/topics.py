@@ -151,7 +151,7 @@ SOIL_STATE = Topic(
     ),
     whole_rover=(
         Quantity("scout_margin", "N", "pull left over once all wheels stand in what the front wheels stand in"),
-        Quantity("scout_margin_std", "N", "1-sigma of scout_margin, 0 while nothing is known"),
+        Quantity("scout_margin_std", "N", "1-sigma of scout_margin"),
         Quantity("scout_z", "1", "halting score, -margin/std: > 0 the margin is spent"),
         Quantity("scout_z_return", "1", "halting score of the way back"),
         Quantity("scout_disturbance", "N", "what holds the rover back besides soil and slope"),

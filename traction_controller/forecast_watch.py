@@ -3,8 +3,8 @@
 from soil_flow_estimator.soil_state import ForecastVerdict, SoilState
 
 STATES_RUNNING = 2
-"""Caution and the way back are heeded once so many soil states running say so. One is enough to stop and to slip:
-the estimator has waited for two samples itself."""
+"""Caution and the way back are heeded once so many soil states running say so. One is enough to stop, for
+which the estimator has waited itself, and to slip, which it judges by a low-pass."""
 
 
 class ForecastWatch:
@@ -28,7 +28,8 @@ class ForecastWatch:
         """Take a soil state that follows the last one without a gap."""
         self._verdict = soil.scout_verdict
         self._cautious_states = self._cautious_states + 1 if self._verdict == ForecastVerdict.CAUTION else 0
-        is_trap = 0.0 < self._return_z_max < soil.scout_z_return
+        is_known = self._verdict != ForecastVerdict.NONE
+        is_trap = is_known and 0.0 < self._return_z_max < soil.scout_z_return
         self._trapped_states = self._trapped_states + 1 if is_trap else 0
 
     @property

@@ -145,6 +145,23 @@ def test_what_catches_at_once_is_a_snag_and_no_soil():
     assert drive.go(80).verdict is ForecastVerdict.CLEAR
 
 
+def test_a_rover_that_has_been_blind_on_a_slope_takes_no_snag_from_it():
+    drive = Drive(0.2, 0.6)
+    drive.pitch = drive.ahead = math.radians(10.0)
+    assert drive.go(60).verdict is ForecastVerdict.CLEAR
+    pitch, drive.pitch, drive.ahead, drive.judges = drive.pitch, 0.0, 0.0, False
+    drive.go(20)
+    drive.pitch = drive.ahead = pitch
+    drive.judges = True
+    assert {drive.go(1).verdict for _ in range(60)} == {ForecastVerdict.NONE, ForecastVerdict.CLEAR}
+
+
+def test_what_holds_back_from_the_start_is_no_snag():
+    drive = Drive(0.2, 0.6)
+    drive.extra_pull = 0.09 * WEIGHT
+    assert ForecastVerdict.SNAG not in {drive.go(1).verdict for _ in range(80)}
+
+
 def test_slip_that_runs_away_is_told_whatever_the_soil_but_not_at_a_start():
     drive = Drive(0.1, 0.7)
     drive.speed = 0.0
@@ -186,6 +203,8 @@ def test_nothing_is_said_before_enough_is_known_or_without_the_bodys_attitude():
     assert drive.go(1).verdict is not ForecastVerdict.NONE
     drive.judges = False
     assert drive.go(1).verdict is ForecastVerdict.NONE
+    drive.judges = True
+    assert drive.go(LEARNING - 1).verdict is ForecastVerdict.NONE  # it begins anew
     standing = Drive()
     standing.states[:, STANDING] = 1.0
     assert standing.go(50).verdict is ForecastVerdict.NONE

@@ -20,7 +20,7 @@ FLOATS = [field for field in SoilState.__slots__ if field not in {"stamp_ns", "s
     st.integers(0, 2**31 * 10**9 - 1),
     hnp.arrays(np.float64, (len(FLOATS), 2), elements=st.floats(allow_nan=True)),
     hnp.arrays(np.int64, 2, elements=st.sampled_from([int(status) for status in SoilStatus])),
-    st.lists(st.floats(allow_nan=False), min_size=len(SCORES) - 1, max_size=len(SCORES) - 1),
+    st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=len(SCORES) - 1, max_size=len(SCORES) - 1),
     st.sampled_from([int(verdict) for verdict in ForecastVerdict]),
 )
 def test_a_soil_state_comes_back_bit_for_bit(stamp_ns, values, status, scores, verdict):
@@ -51,3 +51,11 @@ def test_another_rovers_state_is_refused():
     sent = SoilState(1, *np.zeros((len(FLOATS), 1)), status=np.zeros(1, dtype=np.int64))
     with pytest.raises(MessageError, match=r"soil_state: name\[0\] is 'w/slip', expected 'l/slip'"):
         SoilMessages(("l", "r")).soil_state(SoilMessages(("w",)).soil_state_message(sent))
+
+
+def test_a_forecast_that_is_no_number_is_refused():
+    messages = SoilMessages(("l", "r"))
+    columns = [np.zeros(2)] * len(FLOATS)
+    sent = SoilState(1, *columns, status=np.zeros(2, dtype=np.int64), scout_z=float("nan"))
+    with pytest.raises(MessageError, match="scout values"):
+        messages.soil_state(messages.soil_state_message(sent))

@@ -857,7 +857,9 @@ def test_a_gap_in_the_soil_states_ends_what_was_said_running():
 
 def test_where_the_way_back_would_not_be_climbable_it_goes_no_further():
     bench = driving(return_z_max=1.5)
-    bench.z_return = 1.5
+    bench.z_return = 9.0
+    assert bench.run(1.0).state.state in ONWARD  # nothing is known yet
+    bench.verdict, bench.z_return = ForecastVerdict.CLEAR, 1.5
     assert bench.run(1.0).state.state in ONWARD
     bench.z_return = 1.51
     assert bench.tick().state.state in ONWARD
@@ -877,7 +879,7 @@ def test_where_the_way_back_would_not_be_climbable_it_goes_no_further():
 
 def test_the_way_back_is_looked_at_only_where_that_is_asked_for():
     bench = driving()
-    bench.z_return = 99.0
+    bench.verdict, bench.z_return = ForecastVerdict.CLEAR, 99.0
     assert bench.run(3.0).state.state in ONWARD
 
 
