@@ -419,8 +419,8 @@ def test_a_message_that_breaks_the_contract_is_left_out_counted_and_reported(loc
     wait_until(lambda: receiver.subscription_counts()[DIAGNOSTICS.name] == 1)
     wait_until(lambda: listener.publisher_counts()[DIAGNOSTICS.name] == 3)
     publisher = matched(sender, receiver, SOIL_STATE, wait_until)
-    good = converter.to_message(7, [[0.0] * 11] * 2)
-    other_rover = NamedValues(SOIL_STATE, ("a", "b")).to_message(8, [[0.0] * 11] * 2)
+    good = converter.to_message(7, [[0.0] * 11] * 2, [0.0] * 6)
+    other_rover = NamedValues(SOIL_STATE, ("a", "b")).to_message(8, [[0.0] * 11] * 2, [0.0] * 6)
     for message in (good, other_rover, JointState(), good):
         publisher.send(message)
     wait_until(lambda: receiver.drain_until(sender.published))
@@ -432,7 +432,7 @@ def test_a_message_that_breaks_the_contract_is_left_out_counted_and_reported(loc
     refusal, output = reports[0].status
     assert output.name == "receiver: output"
     assert (refusal.name, refusal.level) == ("receiver: topic soil_state", DiagnosticStatus.ERROR)
-    assert "0 names, expected 22" in refusal.message  # the last one refused
+    assert "0 names, expected 28" in refusal.message  # the last one refused
     values = {item.key: item.value for item in refusal.values}
     assert (values["received"], values["refused"], values["publishers"]) == ("4", "2", "1")
 
