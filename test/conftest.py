@@ -31,7 +31,8 @@ APART = (
 )
 """What only computes: with `pytest -n 2 --dist loadgroup` it runs beside the rest, which stays in one process."""
 
-_DOMAINS = 100  # 1 .. 100 are free of the system's own ports on Linux
+_DOMAINS = 50  # per worker of pytest-xdist, of the 1 .. 100 that are free of the system's own ports on Linux
+_worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % 2
 _domains = itertools.count(os.getpid() * 7)
 
 
@@ -56,7 +57,7 @@ def write_golden(request) -> bool:
 @pytest.fixture
 def domain_id(monkeypatch) -> int:
     """A ROS domain of this test's own, also in the environment, for child processes."""
-    domain = next(_domains) % _DOMAINS + 1
+    domain = _worker * _DOMAINS + next(_domains) % _DOMAINS + 1
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     return domain
 
