@@ -125,7 +125,7 @@ class HaltingForecast:
         self.forget()
 
     def forget(self) -> None:
-        """As if nothing had been driven yet."""
+        """As if nothing had been driven yet: also for a rover that turns back, what lay ahead lies behind."""
         self._last = NOTHING_KNOWN
         self._readings = 0
         self._speed: float | None = None
@@ -137,10 +137,6 @@ class HaltingForecast:
         self._demand = self._demand_return = 0.0
         self._snag_rim_m = 0.0
         self._halting = 0
-
-    def turn_back(self) -> None:
-        """The rover drives the other way: what lay ahead lies behind."""
-        self.forget()
 
     @property
     def last(self) -> Forecast:
@@ -164,7 +160,7 @@ class HaltingForecast:
         """The forecast after one more reading.
 
         Args:
-            states: of `SoilFilter`, shape (W, 21).
+            states: of `SoilFilter`, shape (W, 20).
             rim_speed: mean over the wheels, in the direction of travel [m/s].
             speed: of the body in the direction of travel [m/s].
             pitch: of the body, uphill positive in the direction of travel [rad].

@@ -97,7 +97,7 @@ class RollingSoil:
 
     @property
     def state(self) -> FloatArray:
-        """Of the filter, shape (W, 21)."""
+        """Of the filter, shape (W, 20)."""
         return self._filter.state
 
     @property
@@ -181,7 +181,7 @@ class RollingSoil:
         if abs(rim) > TURN_SPEED and rim * self._direction < 0.0:
             self._direction = -self._direction
             self._filter.turn_back()
-            self._forecast.turn_back()
+            self._forecast.forget()
 
     def _readings(
         self, omega: FloatArray, torque: FloatArray, speed: float, speed_std: float, loads: FloatArray

@@ -215,7 +215,7 @@ class SoilEstimator:
         of_wheels = (angles.theta_1, angles.theta_2, angles.theta_1_std, angles.theta_2_std, angles.status)
         if self._angles.take(angles, self._last_tick_ns, of_wheels):
             self._observe_static(angles)
-            self._rolling.take_angles(angles, (angles.status == _VALID) | (angles.status == _UNCONFIRMED))
+            self._rolling.take_angles(angles, _is_measured(angles))
 
     def feed_wheel_states(self, states: WheelStates) -> None:
         """Take encoders, and motor torque; torque that is no number counts as none."""
@@ -265,7 +265,7 @@ class SoilEstimator:
             self._direction = math.copysign(1.0, motion.speed)
         entry, leave = travel_angles(angles.theta_1, angles.theta_2, self._direction)
         entry, leave = np.minimum(entry, STEEPEST_ANGLE), np.maximum(leave, -STEEPEST_ANGLE)
-        is_measured = (angles.status == _VALID) | (angles.status == _UNCONFIRMED)
+        is_measured = _is_measured(angles)
         has_angles = (is_measured | (angles.status == _PREDICTED)) & (entry - leave > LEAST_ZONE)
         if not has_angles.all():
             entry, leave = np.where(has_angles, entry, NEUTRAL_ENTRY), np.where(has_angles, leave, NEUTRAL_EXIT)
@@ -390,7 +390,7 @@ class SoilEstimator:
         zone = np.abs(angles.theta_1 - angles.theta_2)
         is_symmetric = np.abs(angles.theta_1 + angles.theta_2) <= settings.asymmetry_max * zone
         stands = np.abs(states.speed) <= settings.standing_speed_radps
-        is_measured = (angles.status == _VALID) | (angles.status == _UNCONFIRMED)
+        is_measured = _is_measured(angles)
         counts = stands & is_symmetric & is_measured & (zone > LEAST_ZONE)
         if not counts.any():
             return
@@ -447,3 +447,9 @@ class SoilEstimator:
         if self._filters:
             rolled = np.where(self._rolling.has_learned, int(SoilStatus.FILTERED), rolled)
         return np.where(stands, static, rolled)
+
+
+def _is_measured(angles: ContactAngles) -> BoolArray:
+    """Wheels whose strap sees its contact now, rather than bridging the seam, shape (W,)."""
+    measured: BoolArray = (angles.status == _VALID) | (angles.status == _UNCONFIRMED)
+    return measured

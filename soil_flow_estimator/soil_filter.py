@@ -52,6 +52,8 @@ REFILL_M = 1.0
 """Rim travel over which kappa is remembered [m]."""
 MEAN_M = 0.2
 """Way of the rim over which the running means of the angles follow [m]."""
+PULL_M = 0.05
+"""Way of the rim over which the pull of a wheel is averaged [m]."""
 LEAST_RIM_SPEED = 0.01
 """Rim speed [m/s] below which slip is noise and nothing is learned from the motion."""
 STANDING_MOST = 0.5
@@ -83,10 +85,14 @@ CALM_STEP = (0.5, 1.0, 0.02, 0.2)
 """Largest change of one update: down and up as share of de, plus; and of st."""
 
 # Columns of the state, one row per wheel.
-DE, ST, P_DD, P_DS, P_DB, P_SS, P_SB, P_BB, SLIP, DUG, STANDING, SURPRISES, PULL, RESISTANCE = range(14)
-MEAN_1, MEAN_2, MEANS, REFILL, REAR_SUM, REAR_WEIGHT, LEARNED = range(14, 21)
+DE, ST, P_DD, P_DS, P_DB, P_SS, P_SB, P_BB, SLIP, DUG, STANDING, SURPRISES, PULL = range(13)
+MEAN_1, MEAN_2, MEANS, REFILL, REAR_SUM, REAR_WEIGHT, LEARNED = range(13, 20)
+COLUMNS = 20
 # Columns of a reading, one row per wheel.
 THETA_1, THETA_2, VAR_1, VAR_2, SLIP_SEEN, SLIP_STD, TORQUE, LOAD, RIM_SPEED, HAS_ANGLES = range(10)
+# Entries of the row that FilterNoise hands to the kernels.
+TORQUE_STD, TORQUE_RATIO, LAW_STD, DE_DRIFT, ST_DRIFT, RELAXATION = range(6)
+EXCAVATION, DUG_RATIO, USES_TORQUE, SHARES_SOIL, LOAD_STD = range(6, 11)
 # Columns of a cell of the map.
 CELL_PLACE, CELL_WHEEL, CELL_DE, CELL_ST, CELL_DD, CELL_DS, CELL_SS = range(7)
 
@@ -129,7 +135,7 @@ class FilterNoise:
 
 
 class SoilFilter:
-    """The soil under all wheels. `state`, shape (W, 21), has the columns DE .. LEARNED of this module.
+    """The soil under all wheels. `state`, shape (W, 20), has the columns DE .. LEARNED of this module.
 
     Feed readings of equal or longer spacing than the sensors' noise is correlated over (0.1 s).
     """
@@ -141,7 +147,7 @@ class SoilFilter:
         self._track: IntArray = np.array([rows.index(wheel.y_m) for wheel in wheels], dtype=np.int64)
         self._law = MEASURED_LAW.row()
         self._cells = np.zeros((len(rows), CELLS, 7))
-        self.state: FloatArray = np.zeros((len(wheels), 21))
+        self.state: FloatArray = np.zeros((len(wheels), COLUMNS))
         self.forget()
 
     def forget(self) -> None:
@@ -154,7 +160,6 @@ class SoilFilter:
         self.state[:, REFILL] = REFILL_PRIOR
         self._cells[:, :, CELL_PLACE] = -1.0
         self._way = 1e6 * CELL_M  # far from zero: cells are numbered by it, forwards and backwards
-        self.updates = 0
 
     def set_static(
         self, which: BoolArray, de: FloatArray, variance: FloatArray, load_slope: FloatArray, load_std_ratio: float
@@ -207,7 +212,6 @@ class SoilFilter:
             uses_torque: whether torque is there to be used.
         """
         self._way += advance_m
-        self.updates += 1
         _filter_kernel(
             self.state, readings, self._geometry, self._track, self._cells, self._law,
             noise.row(uses_torque=uses_torque), self._way, speed, abs(advance_m), step_s,
@@ -381,18 +385,18 @@ def _residuals_kernel(
         geometry, law, de, st, state[MEAN_1], state[MEAN_2], slip, dug, state[STANDING], row, moved
     )
     off_1, off_2 = seen[THETA_1] - state[MEAN_1], seen[THETA_2] - state[MEAN_2]
-    variances = np.array([seen[VAR_1], seen[VAR_2], seen[SLIP_STD] ** 2, (noise[7] * dug + 1e-3) ** 2])
+    variances = np.array([seen[VAR_1], seen[VAR_2], seen[SLIP_STD] ** 2, (noise[DUG_RATIO] * dug + 1e-3) ** 2])
     r[:] = 0.0
     for j in range(innovation.size):
-        h[j, 0], h[j, 1], h[j, 2] = moved[0, j], moved[1, j], -noise[10] if j == 0 else 0.0
+        h[j, 0], h[j, 1], h[j, 2] = moved[0, j], moved[1, j], -noise[LOAD_STD] if j == 0 else 0.0
         for k in range(innovation.size):
             for m in range(4):
                 r[j, k] += moved[2 + m, j] * moved[2 + m, k] * variances[m]
     innovation[0] = math.log(seen[LOAD]) - log_vertical - moved[2, 0] * off_1 - moved[3, 0] * off_2
-    r[0, 0] += noise[2] ** 2
+    r[0, 0] += noise[LAW_STD] ** 2
     if innovation.size == 2:
         innovation[1] = seen[TORQUE] - torque - moved[2, 1] * off_1 - moved[3, 1] * off_2
-        r[1, 1] += noise[0] ** 2 + (noise[1] * torque) ** 2
+        r[1, 1] += noise[TORQUE_STD] ** 2 + (noise[TORQUE_RATIO] * torque) ** 2
     for j in range(innovation.size):
         innovation[j] -= h[j, 0] * (state[DE] - de) + h[j, 1] * (state[ST] - st)
     if abs(slip) > DEEP_SLIP:
@@ -417,7 +421,7 @@ def _learn_kernel(
     state: FloatArray, seen: FloatArray, geometry: FloatArray, law: FloatArray, noise: FloatArray, row: FloatArray
 ) -> None:
     """Update one wheel's soil by its residuals, linearised anew where the update goes far (iterated filter)."""
-    count = 2 if noise[8] > 0.0 and math.isfinite(seen[TORQUE]) else 1
+    count = 2 if noise[USES_TORQUE] > 0.0 and math.isfinite(seen[TORQUE]) else 1
     innovation = np.empty(count)
     h = np.empty((count, 3))
     r = np.empty((count, count))
@@ -474,24 +478,24 @@ def _filter_kernel(
             entry, leave = state[MEAN_1], state[MEAN_2]
         contact = shape[0] * (math.sin(min(entry, 0.5 * math.pi)) + math.sin(max(-leave, 0.0)))
         contact = max(contact, 0.05 * shape[0])
-        state[SLIP] += (1.0 - math.exp(-travel * dt / noise[5])) * (seen[SLIP_SEEN] - state[SLIP])
+        state[SLIP] += (1.0 - math.exp(-travel * dt / noise[RELAXATION])) * (seen[SLIP_SEEN] - state[SLIP])
         state[SLIP] = min(max(state[SLIP], -0.97), 0.97)
         state[STANDING] *= math.exp(-speed * dt / contact)
         kappa = state[REFILL]
-        digging = dt * noise[6] * (1.0 + kappa) * max(rim - speed, 0.0) / contact
+        digging = dt * noise[EXCAVATION] * (1.0 + kappa) * max(rim - speed, 0.0) / contact
         state[DUG] = (state[DUG] + digging) / (1.0 + dt * (speed + kappa * rim) / contact)
         depth = shape[0] * (1.0 - math.cos(entry))
         state[DUG] = min(state[DUG], 0.8 * depth)
 
         moved = advance + RIM_WAY_SHARE * rim * dt
-        state[P_DD] += noise[3] ** 2 * moved * max(state[DE], 0.05) / DE_SCALE
-        state[P_SS] += noise[4] ** 2 * moved
+        state[P_DD] += noise[DE_DRIFT] ** 2 * moved * max(state[DE], 0.05) / DE_SCALE
+        state[P_SS] += noise[ST_DRIFT] ** 2 * moved
         _shrink_kernel(state, PRIOR_STD**2, PRIOR_STD**2)
 
         place = math.floor((way + shape[3]) / CELL_M)
         cell = cells[track[i], int(place) % CELLS]
         is_known = cell[CELL_PLACE] == place and cell[CELL_WHEEL] != i
-        if noise[9] > 0.0 and is_known and advance > 0.0:
+        if noise[SHARES_SOIL] > 0.0 and is_known and advance > 0.0:
             _opinion_kernel(state, cell, advance)
         if seen[HAS_ANGLES] > 0.0:
             state[MEANS] += 1.0
@@ -512,6 +516,5 @@ def _filter_kernel(
                 shape, law, state[DE], state[ST], seen[THETA_1], seen[THETA_2], state[SLIP], state[DUG],
                 state[STANDING], row,
             )  # fmt: skip
-            share = 1.0 - math.exp(-rim * dt / 0.05)
+            share = 1.0 - math.exp(-rim * dt / PULL_M)
             state[PULL] += share * (forces[2] - forces[3] - state[PULL])
-            state[RESISTANCE] += share * (forces[3] - state[RESISTANCE])

@@ -13,6 +13,7 @@ from strap_rover.terramechanics.soil import (
     TABLE_II_CORRECTED,
     Soil,
     soil_from_de_st,
+    soil_row_kernel,
 )
 
 Rows = list[dict[str, str]]
@@ -136,3 +137,18 @@ def test_modulus_refuses_a_soil_that_carries_nothing() -> None:
     assert soil.modulus(2.0) == pytest.approx(5e4)
     with pytest.raises(ValueError, match=r"k_c/b \+ k_phi must be positive, got -100000.0 for b = 0.5 m"):
         soil.modulus(0.5)
+
+
+@given(st.floats(1e-6, 1.0), st.floats(0.0, 1.0), st.floats(0.02, 1.0))
+def test_the_row_for_kernels_is_the_soil_itself(de: float, stickiness: float, width: float) -> None:
+    soil, row = soil_from_de_st(de, stickiness), np.full(6, np.nan)
+    soil_row_kernel(de, stickiness, width, row)
+    whole = [
+        soil.modulus(width),
+        soil.n,
+        soil.cohesion,
+        math.tan(float(soil.friction_angle)),
+        soil.shear_deformation_modulus,
+        0.0,
+    ]
+    assert row == pytest.approx(np.array(whole, dtype=np.float64), rel=1e-9)
