@@ -24,6 +24,7 @@ from missions.case_studies.early_warning_results import (
 from missions.case_studies.early_warning_scoring import ScoredRun, leads_rim_m, rate_curve, score_runs
 from missions.case_studies.early_warning_trace import SCOUT_Z, SLIP_LOWPASS, VERDICT, Trace
 from missions.case_studies.study_result import StudyFigure
+from soil_flow_estimator.halting_forecast import ForecastLimits
 from soil_flow_estimator.soil_state import ForecastVerdict
 
 _DPI = 110
@@ -116,11 +117,11 @@ def _run(trace: Trace) -> Figure:
     slip, z, sinkage = figure.subplots(3, 1, sharex=True)
     slip.plot(trace.rim_m, trace.slip, color="#c9c9c9", linewidth=0.9, label="true")
     slip.plot(trace.rim_m, trace.scores[SLIP_LOWPASS], color="#d55e00", label="measured, low-passed")
-    for limit in (0.3, 0.45):
+    for limit in (0.3, 0.4):  # the plain slip alarms it is compared with
         slip.axhline(limit, color="#777777", linewidth=0.7, linestyle=":")
     slip.set(ylabel="slip, mean of the wheels", ylim=(-0.1, 1.0))
     z.plot(trace.rim_m, trace.scores[SCOUT_Z], color="#0072b2", label="halting score z")
-    z.axhline(1.0, color="#777777", linewidth=0.7, linestyle=":")
+    z.axhline(ForecastLimits().stop_z, color="#777777", linewidth=0.7, linestyle=":")
     z.set(ylabel="z", ylim=(-5.0, 6.0))
     sinkage.plot(trace.rim_m, 1e3 * trace.sinkage_m, color="#009e73", label="deepest wheel")
     sinkage.set(ylabel="sinkage [mm]", xlabel="rim travel [m]")
