@@ -44,8 +44,8 @@ def _play(settings: PlayerSettings, console: Console, stopped: Callable[[], bool
         sys.stderr.write(f"strap_rover: warning: {text}\n")
 
     node = PlayerNode(settings, context, tell=tell, warn=warn)
+    executor = SingleThreadedExecutor(context=context)
     try:
-        executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         player, plan = node.player, node.player.plan
         with Progress(
@@ -61,7 +61,8 @@ def _play(settings: PlayerSettings, console: Console, stopped: Callable[[], bool
             while not (player.done or node.failure or stopped()):
                 executor.spin_once(timeout_sec=_LOOK_S)
                 progress.update(task, completed=(min(player.bag_ns, plan.end_ns) - plan.start_ns) / 1e9)
-    finally:
+    finally:  # while the context stands: an executor that outlives it complains when it is collected
+        executor.shutdown()
         node.destroy_node()
     if node.failure is not None:
         raise node.failure

@@ -287,10 +287,12 @@ def _operator(plan: RunPlan) -> Iterator[tuple[LiveOperator, Callable[[], None]]
     try:
         operator = LiveOperator(plan, context)
         executor = SingleThreadedExecutor(context=context)
-        executor.add_node(operator)
-        yield operator, lambda: executor.spin_once(timeout_sec=_SPIN_S)
-        executor.shutdown()
-        operator.destroy_node()
+        try:
+            executor.add_node(operator)
+            yield operator, lambda: executor.spin_once(timeout_sec=_SPIN_S)
+        finally:  # while the context stands: an executor that outlives it complains when it is collected
+            executor.shutdown()
+            operator.destroy_node()
     finally:
         context.try_shutdown()
 

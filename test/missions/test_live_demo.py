@@ -4,7 +4,8 @@ import tempfile
 
 import pytest
 
-from missions.live_demo import OtherGraphError, domain_lock
+from missions.live_demo import OtherGraphError, _operator, domain_lock
+from missions.plan import plan_run
 
 pytestmark = pytest.mark.ros
 
@@ -32,3 +33,17 @@ def test_a_folder_that_is_another_users_keeps_nobody_from_driving(folder):
     (folder / "strap_rover").write_text("no folder of ours", encoding="utf-8")
     with domain_lock():
         pass
+
+
+def test_a_demo_that_is_interrupted_leaves_no_executor_behind_its_context(domain_id):
+    held = []
+
+    def interrupted():
+        with _operator(plan_run("single_wheel", "soil_flow")) as (operator, work):
+            work()
+            held.append(operator.executor)
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        interrupted()
+    assert held[0].get_nodes() == []  # it was shut down, before what it stands on
