@@ -41,7 +41,11 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(items):
-    """Files that only compute may run on any worker, each whole; all that is live runs on one, in order."""
+    """Files that only compute may run on any worker, each whole; all that is live would run on one, in order.
+
+    pytest-xdist reads the groups before this hook has run, so today live tests are on both workers, in domains of their
+    own. Run first (`tryfirst`) it would hold them together: 8.5 instead of 7.3 minutes on a busy machine.
+    """
     for item in items:
         path = item.path.relative_to(TESTS)
         computes = any(path.is_relative_to(part) for part in APART)
